@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from .measurement.diagnosis import pictures
 from .measurement.diagnosis.compare import ALL, Compared, Estimate, Left
 from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
-from .measurement.diagnosis.report import WORDS, tables_of, verdict_sentence
+from .measurement.diagnosis.report import WORDS, diagnosis_figure, tables_of, verdict_sentence
 from .measurement.identification.identification import Identification
 from .measurement.identification.intervals import Interval
 from .measurement.rig.record import TrialRecord
@@ -103,7 +102,7 @@ class DiagnosisResult(Result, Diagnosis):
         return WORDS[self.verdict]
 
     def pictures(self) -> dict[str, Any]:
-        return {"diagnosis": pictures.diagnosis_figure(self)}
+        return {"diagnosis": diagnosis_figure(self)}
 
     def headline(self) -> str:
         return f"{self.badge}: {verdict_sentence(self)}"
@@ -147,7 +146,9 @@ class ModelComparison(Result, Compared):
     badge = "compared"
 
     def pictures(self) -> dict[str, Any]:
-        return {"compare": pictures.compare_figure(self)}
+        from .measurement.diagnosis.report import compare_figure
+
+        return {"compare": compare_figure(self)}
 
     def headline(self) -> str:
         return self.says

@@ -17,7 +17,7 @@ from ...solver.errors import BadRecord
 from ..identification.fitted_law import BRISTLES
 from .causes.cause import Form
 from .model import Drive
-from .motion import Course, calibrations, mean_current, read_anew, recalibrated
+from .motion import Course, mean_current, read_anew, recalibrated
 from .windows import at_samples, averaged, lagged, per_interval, windows
 
 EXACT = 3e-3  # smallest noise, as a share of the friction: friction laws are not exact
@@ -48,7 +48,7 @@ def balance(course: Course, model: Drive, friction: Vector) -> Matrix:
     resistance, inductance = model.values["R"], model.values["L"]
     volts = u - model.linear.back_emf * v
     if not course.by_current:
-        late = lagged((volts / resistance)[:, None], step, inductance / resistance)[:, 0]
+        late = lagged(volts / resistance, inductance / resistance, step)
         scale = course.per_command / model.linear.per_command
         forces = scale * (model.linear.per_ampere * averaged(late, width) - opposed)
         if not course.has_current:
@@ -74,7 +74,7 @@ def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
     found = []
     for record, course in enumerate(courses):
         count = windows(len(course.x), course.width)
-        out = np.zeros((count, len(course.channels), len(form.amplitudes)))
+        out = np.zeros((count, 1 + course.has_current, len(form.amplitudes)))
         if form.force is not None:
             out[:, 0] += averaged(form.force[record], course.width)
         if form.command is not None:
@@ -82,7 +82,7 @@ def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
             if not model.has_motor:
                 out[:, 0] -= model.values["gain"] * averaged(command, course.width)
             elif not course.by_current:
-                late = lagged(command, course.step, model.values["L"] / model.values["R"])
+                late = lagged(command, model.values["L"] / model.values["R"], course.step)
                 out[:, 0] -= model.linear.per_command * averaged(late, course.width)
             if course.has_current:
                 out[:, 1] -= course.per_command * averaged(command, course.width)
@@ -90,14 +90,11 @@ def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
     return found
 
 
-def sensitivities(
-    courses: Courses, model: Drive, usual: Sequence[Vector], of_law: bool = True
-) -> list[Matrix]:
+def sensitivities(courses: Courses, model: Drive, usual: Sequence[Vector]) -> list[Matrix]:
     """Effect of values and calibrations on the balances: (windows, channels, columns) per record.
 
-    The columns are a relative change of each adjustable value, then a change of each of the
-    `calibrations`. `usual` is the law along the records. Without `of_law`, the columns of its
-    values are zero.
+    The columns are a relative change of each adjustable value, then a change of each
+    calibration. `usual` is the law along the records.
     """
 
     def slope(name: str, of_model: bool) -> list[Matrix]:
@@ -109,10 +106,8 @@ def sensitivities(
             ends.append(leftovers(those, changed, law))
         return [(a - b) / (2 * _STEP) for a, b in zip(*ends, strict=True)]
 
-    fixed = () if of_law else model.law_parameters
-    nothing = [np.zeros((windows(len(c.x), c.width), len(c.channels))) for c in courses]
-    columns = [nothing if name in fixed else slope(name, True) for name in model.adjustable]
-    columns += [slope(name, False) for name in calibrations(courses[0])]
+    columns = [slope(name, True) for name in model.adjustable]
+    columns += [slope(name, False) for name in courses[0].calibration]
     return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
 
 

@@ -128,7 +128,7 @@ def cut(courses: Sequence[Course], model: Drive) -> Bands:
         doubt = _doubt(c, model, exact, moves)
         for first, last in itertools.pairwise(ends):
             taper = tukey(last - first, TAPER) * moves[first:last]
-            weights = np.column_stack([taper * doubt[first:last], *[taper] * (len(c.channels) - 1)])
+            weights = np.column_stack([taper * doubt[first:last], *[taper] * c.has_current])
             step, own = c.width * c.step, slice(first, last)
             blocks.append(Block(r, own, slice(*next(samples)), weights, step))
             lines = [rows.stop - rows.start for rows in _rows(last - first, step, top)]
@@ -163,12 +163,12 @@ def _clear(courses: Sequence[Course], model: Drive, bands: Bands) -> Mask:
     for c in courses:
         noise = model.linear.inertia * (read_anew(c, model, random).measured_a - c.measured_a)
         whole = model.linear.inertia * c.measured_a
-        both.append(np.stack([np.column_stack([noise, whole])] * len(c.channels), axis=1))
+        both.append(np.stack([np.column_stack([noise, whole])] * (1 + c.has_current), axis=1))
     lines = bands.lines(both)
     power = products(lines, lines).sum(axis=0)
     hidden = power[:, 0, 0] > NOISE_OF_MOTION * np.maximum(power[:, 1, 1] - power[:, 0, 0], 0.0)
     enough = bands.counts.sum(axis=0) > 2.0 * len(bands.blocks)
-    band = np.tile(np.arange(len(EDGES) - 1), len(courses[0].channels))
+    band = np.tile(np.arange(len(EDGES) - 1), 1 + courses[0].has_current)
     clear = np.asarray((~hidden | (band < 2)) & enough)
     # a short, slow record: friction is visible there, mass is not
     return clear if clear.any() else np.asarray(enough & (band < 4))

@@ -20,7 +20,7 @@ from ...solver.files import write_json
 from ..identification.motion_parts import REST, motion_parts
 from ..records.examine import check_identifiable
 from ..records.record import Record
-from .balance import AROUND_REST, balance, check_motion, noise_of_readings, residual, rms
+from .balance import AROUND_REST, Courses, balance, check_motion, noise_of_readings, residual, rms
 from .causes import CAUSES
 from .corrected import IN_COMMAND, NOT_PREDICTED, PARTING, Causes, Predictor, ends_of_seconds
 from .model import Drive, commanded, compiled, drive_of
@@ -84,7 +84,7 @@ class Compared:
     """Errors of models on records.
 
     The models are the one ``model`` of a file, or ``prior``, ``adjusted`` and ``corrected`` of a
-    diagnosis. The signals, for the picture, are those of the records end to end, shape (n,).
+    diagnosis.
     """
 
     records: tuple[str, ...]  # their names
@@ -97,11 +97,7 @@ class Compared:
     floor: Left  # due to the noise of the instruments alone
     gains: tuple[Gain, ...]  # of one model over another
     notes: tuple[str, ...]  # warnings
-    time: Vector  # from the first record's start, without the time between records [s]
-    x: Vector  # measured, smoothed [m]
-    v: Vector  # [m/s]
-    rests: Mask
-    starts: Mask  # first sample of each second, where the state is set to the recorded state
+    courses: tuple[Course, ...]  # the records
     traces: dict[str, Trace]  # by model
 
     @property
@@ -180,8 +176,7 @@ def compare_records(
             notes.append(f"no position is predicted with the {name} model: {why}")
 
     x = np.concatenate([c.x for c in courses])
-    ends = ends_of_seconds(courses)
-    squares = Blocks(ends)
+    squares = Blocks(ends_of_seconds(courses))
     parts = [motion_parts(c.step, c.v, c.mean_a, c.rests) for c in courses]
     masks = {ALL: np.ones(len(x), dtype=bool)}
     masks |= {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
@@ -202,14 +197,11 @@ def compare_records(
         return Gain(squares.gain(other.force, one.force, counted[ALL]), position, model, over)
 
     noise = noise_of_readings(courses, models[lowest]).force
-    starts = np.zeros(len(x), dtype=bool)
-    starts[ends[:-1]] = True
-    begins = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
     return Compared(
         records=tuple(c.record.name for c in courses),
         diagnosed=diagnosed.records if diagnosed else (),
         causes=tuple(diagnosed.causes) if diagnosed else (),
-        seconds=float(begins[-1]),
+        seconds=sum(len(c.x) * c.step for c in courses),
         friction=rms(traces[first].required[traces[first].counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
         models={
@@ -219,11 +211,7 @@ def compare_records(
         floor=left(noise, traces[lowest].noise, ALL),
         gains=tuple(gain(*pair) for pair in _GAINS) if diagnosed else (),
         notes=tuple(notes),
-        time=np.concatenate([c.time + t for c, t in zip(courses, begins, strict=False)]),
-        x=x,
-        v=np.concatenate([c.v for c in courses]),
-        rests=masks[REST],
-        starts=starts,
+        courses=tuple(courses),
         traces=traces,
     )
 
@@ -249,9 +237,7 @@ def _models(file: ParameterFile, diagnosed: Diagnosed) -> dict[str, Drive]:
     }
 
 
-def _trace(
-    courses: Sequence[Course], model: Drive, causes: Causes, path: Path | None, again: bool
-) -> Trace:
+def _trace(courses: Courses, model: Drive, causes: Causes, path: Path | None, again: bool) -> Trace:
     """A model with its causes along the records; `again` with another reading of the encoder.
 
     Causes in the command are known along a record, also at the start of each second, so they are

@@ -22,7 +22,7 @@ from ...solver.errors import ContractError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ..identification.fitted_law import LAWS
 from .causes import CAUSES
-from .causes.reversals import BRISTLES, bristled
+from .causes.friction import PRESLIDING, bristled
 from .model import Drive, curve_of
 from .motion import Course
 
@@ -71,7 +71,7 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
             raise ContractError(f"{name}: {because}")
     values = {n: v for numbers in own.values() for n, v in numbers.items()}
     drive = _with_law_of(drive, own)
-    if BRISTLES in own:
+    if PRESLIDING in own:
         values.pop("damping_ratio", None)
         values["sigma1"] = drive.values["sigma1"]
     plant = replace(drive.plant, name="extended_plant").with_defaults(drive.values, PRIOR)
@@ -95,9 +95,9 @@ def as_it_moves(plant: Component, drive: Drive) -> Component:
 
 def _with_law_of(drive: Drive, found: Mapping[str, Mapping[str, float]]) -> Drive:
     """The drive with its law changed by the causes: bristles are a separate law."""
-    if BRISTLES not in found:
+    if PRESLIDING not in found:
         return drive
-    numbers = found[BRISTLES]
+    numbers = found[PRESLIDING]
     return bristled(drive, numbers["sigma0"], numbers.get("damping_ratio", 1.0))
 
 
@@ -110,9 +110,7 @@ def _last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
     return {key.partition(".")[0]: values[key] for key in sorted(values, key=number)}
 
 
-def corrected(
-    result: Diagnosis, plant: Component | None, file: ParameterFile | None
-) -> ParameterFile:
+def corrected(result: Diagnosis, plant: Component | None, file: ParameterFile) -> ParameterFile:
     """The parameter file of a diagnosis: corrected values, each with its source.
 
     `plant` has the causes, where one can be made. A value of the prior model `file` that the
@@ -120,7 +118,6 @@ def corrected(
     it: amplifier, controllers, rig. Values of a motor that is left out, see `commanded`, are not
     written.
     """
-    file = file or ParameterFile()
     found = {c.name: _last_record(c.parameters) for c in result.causes}
     drive = _with_law_of(result.corrected, found) if plant else result.corrected
     plant = plant or with_causes(result.corrected, [])

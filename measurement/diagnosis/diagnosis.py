@@ -164,10 +164,12 @@ def diagnose_records(
     found = explained(study, take)
     progress("testing on held-out data")
     held = held_out(found)
-    courses, corrected = found.corrected
+    (courses, corrected), names = found.corrected, prior_model.adjustable
     done = held.verdict == "explained" and not held.alternatives
     quiet = not found.built and not held.something
-    floors = zip(("force_N", "voltage_N"), held.floor, strict=False)
+    noise = {"force_N": held.floor.force}
+    if courses[0].has_current:
+        noise["voltage_N"] = held.floor.by_current
     return Diagnosis(
         verdict=held.verdict,
         floor=held.level("noise"),
@@ -188,10 +190,8 @@ def diagnose_records(
         corrected=corrected,
         command=records[0].command,
         command_shift=courses[0].calibration["command_shift"],
-        adjustments={
-            n: corrected.values[n] / prior_model.values[n] - 1.0 for n in prior_model.adjustable
-        },
-        noise=dict(list(floors)[: len(courses[0].channels)]),
+        adjustments={n: corrected.values[n] / prior_model.values[n] - 1.0 for n in names},
+        noise=noise,
         records=tuple(r.name for r in records),
         curves=_curves(held, prior_model),
         seconds=time.perf_counter() - began,

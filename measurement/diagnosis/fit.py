@@ -21,16 +21,7 @@ from ..records.record import Record
 from .balance import EXACT, check_motion, leftovers, sensitivities
 from .bands import Bands, cut, products
 from .model import Drive
-from .motion import (
-    CalibrationPrior,
-    Course,
-    calibrations,
-    lay_along,
-    read_anew,
-    recalibrated,
-    with_law_force,
-    with_own_offsets,
-)
+from .motion import Course, calibrations, courses_of, read_anew, recalibrated, with_law_force
 from .windows import at_samples
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution, as usual for noise with outliers
@@ -68,13 +59,9 @@ class Study:
     bands: Bands
 
     @property
-    def calibrations(self) -> dict[str, CalibrationPrior]:
-        return calibrations(self.courses[0])
-
-    @property
     def values(self) -> tuple[str, ...]:
         """Names of the columns of values and calibrations."""
-        return (*self.model.adjustable, *self.calibrations)
+        return (*self.model.adjustable, *self.courses[0].calibration)
 
     @cached_property
     def exact(self) -> float:
@@ -85,7 +72,7 @@ class Study:
 
     def priors(self, freed: Sequence[str] = ()) -> Priors:
         """Priors of the change of each of `values`; those that are `freed` have no limit."""
-        names, known = self.model.adjustable, self.calibrations
+        names, known = self.model.adjustable, calibrations(self.courses[0])
         ratio = [self.prior_model.values[n] / self.model.values[n] - 1.0 for n in names]
         mean = np.array([*ratio, *(-self.courses[0].calibration[n] for n in known)])
         spread = [self.prior_model.tolerance[n] / math.sqrt(3.0) for n in names]
@@ -260,7 +247,7 @@ def study_of(records: Sequence[Record], prior_model: Drive) -> Study:
     The motor's force is computed from the current or from the voltage, whichever gives the higher
     likelihood of held-out blocks. Raises `BadRecord` if records show almost no motion.
     """
-    courses = with_own_offsets([lay_along(r, prior_model) for r in records], prior_model)
+    courses = courses_of(records, prior_model)
     check_motion(courses, prior_model)
     studies = [_adjusted(courses, prior_model)]
     if all(c.has_current for c in courses):
@@ -288,14 +275,11 @@ def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
     return fitted(own, study.bands, prior, study.exact)
 
 
-def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
-    """The signal and the columns of values, (windows, channels, 1 + columns) for each record.
-
-    The columns of the friction's values are zero without `of_law`.
-    """
+def base_columns(study: Study) -> list[Matrix]:
+    """The signal and the columns of values, (windows, channels, 1 + columns) for each record."""
     usual = [study.model.friction(c.x, c.v, c.step) for c in study.courses]
     left = leftovers(study.courses, study.model, usual)
-    columns = sensitivities(study.courses, study.model, usual, of_law)
+    columns = sensitivities(study.courses, study.model, usual)
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
 
 
@@ -309,7 +293,7 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vect
     """
     random, model = np.random.default_rng(0), study.model
     again = [read_anew(c, model, random) for c in study.courses]
-    read = base_columns(replace(study, courses=again), of_law=False)
+    read = base_columns(replace(study, courses=again))
     of_law = [1 + study.values.index(n) for n in model.adjustable if n in model.law_parameters]
     changes = [after - before for after, before in zip(read, columns, strict=True)]
     for change in changes:

@@ -17,7 +17,7 @@ from .balance import Residual, noise_of_readings, residual, rms
 from .bands import EDGES, Block
 from .causes import OUTSIDE
 from .causes.cause import Form
-from .corrected import NOT_PREDICTED, Predictor, ends_of_seconds
+from .corrected import NOT_PREDICTED, Causes, Predictor, ends_of_seconds
 from .fit import Study
 from .model import Drive
 from .motion import Course, opposing, shaken
@@ -241,9 +241,7 @@ def _ahead_on_blocks(
     return first - np.concatenate([c.x for c in study.courses]), np.concatenate(twice) - first
 
 
-def _in_plant(
-    study: Study, forms: Sequence[Form], amplitude: Vector, record: int
-) -> dict[str, dict[str, float]]:
+def _in_plant(study: Study, forms: Sequence[Form], amplitude: Vector, record: int) -> Causes:
     """The causes that are forces, with their values in a record."""
     out = {}
     for form, mine in own_amplitudes(study, forms, amplitude):

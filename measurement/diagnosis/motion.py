@@ -85,11 +85,6 @@ class Course:
         """Whether there is a balance of voltages beside that of forces."""
         return "i" in self.record.signals
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Balances of the record: of forces, and of voltages if `i` is known."""
-        return ("force", "voltage") if self.has_current else ("force",)
-
     @cached_property
     def time(self) -> Vector:
         """Time from the record's start [s]."""
@@ -197,16 +192,15 @@ def calibrations(course: Course) -> dict[str, CalibrationPrior]:
 
 def recalibrated(courses: Sequence[Course], changes: Mapping[str, float]) -> list[Course]:
     """Return the courses with their calibrations changed by `changes`."""
-    return [
-        replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
-        for c in courses
-    ]
+    known = [{n: v + changes.get(n, 0.0) for n, v in c.calibration.items()} for c in courses]
+    return [replace(c, calibration=own) for c, own in zip(courses, known, strict=True)]
 
 
-def with_own_offsets(courses: Sequence[Course], model: Drive) -> list[Course]:
-    """The courses of a drive with an offset for each record after the first, as of a cable."""
+def courses_of(records: Sequence[Record], model: Drive) -> list[Course]:
+    """Records along a model; of a drive, each after the first has an offset, as of a cable."""
+    courses = [lay_along(r, model) for r in records]
     if model.has_motor:
-        return list(courses)
+        return courses
     names = ["", *(f"{_OFFSETS}{k + 1}" for k in range(1, len(courses)))]
     zeros = dict.fromkeys(names[1:], 0.0)
     return [
@@ -335,7 +329,7 @@ def _current(record: Record, v: Vector, model: Drive) -> Vector:
         return np.interp(record.time, record.time[known], read[known])
     resistance = model.values["R"]
     goal = (record.u - model.linear.back_emf * v) / resistance
-    late = lagged(goal[:, None], record.step, model.values["L"] / resistance)[:, 0]
+    late = lagged(goal, model.values["L"] / resistance, record.step)
     return np.append(late[:1], late[:-1])
 
 

@@ -86,10 +86,8 @@ class Catalogue:
         """Fit of the model's own values with these forms only."""
         known = tuple(map(id, forms))
         if known not in self._fits:
-            last = forms[-1:]
-            self._fits[known] = (
-                self.fit(last, forms[:-1])[0] if last else base_fit(self.study, self.base)
-            )
+            fit = self.fit(forms[-1:], forms[:-1])[0] if forms else base_fit(self.study, self.base)
+            self._fits[known] = fit
         return self._fits[known]
 
     def add(self, name: str, form: Form) -> None:
@@ -206,9 +204,7 @@ def scored(
     doubts = _between(catalogue, tried, known)
     best = []
     for name, pairs in tried.items():
-        found = [_hypothesis(catalogue.study, form, fit, base) for form, fit in pairs]
-        some = [h for h in found if h is not None]
-        if some:
+        if some := [h for pair in pairs if (h := _hypothesis(catalogue.study, *pair, base))]:
             first = max(some, key=lambda h: h.score)
             best.append(replace(first, doubt=doubts.get(name, 0.0)))
     return sorted(best, key=lambda h: -h.score)

@@ -81,8 +81,8 @@ def per_interval(values: Vector) -> Vector:
     return np.append(change, change[-1])
 
 
-def lagged(command: Matrix, step: float, time_constant: float) -> Matrix:
-    """Mean over each interval of a first-order lag of a held command, same shape.
+def lagged(command: Matrix, time_constant: float, step: float) -> Matrix:
+    """Mean over each interval of a first-order lag of a held command, shape (n, ...).
 
     It is exact for lags slower and faster than the sampling; the lag starts in steady state.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import command, friction, reversals, travel
+from . import command, friction, travel
 from .cause import Cause
 
 OUTSIDE = "outside the catalogue"  # name of a free curve
@@ -20,13 +20,13 @@ CAUSES = _named(
     friction.LOAD_BIAS,
     friction.NONLINEAR_VISCOUS,
     friction.STRIBECK_MISMATCH,
-    reversals.PRESLIDING_HYSTERESIS,
+    friction.PRESLIDING_HYSTERESIS,
     command.UNMODELLED_INERTIA,
     command.INPUT_DELAY,
     friction.FRICTION_DRIFT,
     friction.RESISTANCE_DRIFT,
-    reversals.BACKLASH,
-    reversals.COMPLIANCE,
+    friction.BACKLASH,
+    friction.COMPLIANCE,
     command.VOLTAGE_SATURATION,
     command.PARAMETER_ERROR,
 )

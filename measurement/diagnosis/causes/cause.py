@@ -66,6 +66,12 @@ Grid = Callable[[Courses, Drive], list[Values]]
 Signals = Callable[[Courses, Drive, Values], Sequence[Mapping[str, Vector]]]
 CutsNoise = Callable[[Courses, Values], bool]
 
+
+def once(courses: Courses, model: Drive) -> list[Values]:
+    """The grid of a form without nonlinear parameters."""
+    return [{}]
+
+
 CERTAIN = 0.01
 """Spread of an amplitude around one: no half sign; half a shift would average command noise."""
 _SOME = 1e-3  # smallest command used, as a share of the largest
@@ -95,7 +101,7 @@ class Mechanism:
 
     parameters: tuple[Parameter, ...]
     at: Callable[[Courses, Drive, Values], Form]
-    grid: Grid = lambda courses, model: [{}]
+    grid: Grid = once
     extend: Callable[[Component, sp.Expr, Cause], Component] = lambda plant, curve, cause: plant
     refined: str = ""
     cuts_noise: CutsNoise = lambda courses, values: False
@@ -148,7 +154,7 @@ def no_signals(courses: Courses, model: Drive, values: Values) -> Sequence[Mappi
 def force(
     amplitudes: Mapping[Parameter, sp.Expr],
     constants: tuple[Parameter, ...] = (),
-    grid: Grid = lambda courses, model: [{}],
+    grid: Grid = once,
     refined: str = "",
     per_record: bool = False,
     signals: Signals = no_signals,
@@ -166,12 +172,9 @@ def force(
         forces = _along(tuple(amplitudes.values()), courses, model, values, signals)
         names = tuple(p.name for p in amplitudes)
         if per_record and len(courses) > 1:
-            count = range(len(courses))
-            names = tuple(f"{n}.{k + 1}" for k in count for n in names)
-            forces = [
-                np.hstack([f if r == k else np.zeros_like(f) for k in count])
-                for r, f in enumerate(forces)
-            ]
+            names = tuple(f"{n}.{k + 1}" for k in range(len(courses)) for n in names)
+            each = np.eye(len(courses))
+            forces = [np.kron(k, f).astype(float) for k, f in zip(each, forces, strict=True)]
         return Form(names, force=forces, values=values)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
@@ -187,11 +190,40 @@ def force(
         }
         opposing = sp.Add(*[symbol(p.name) * e for p, e in amplitudes.items()])
         new = tuple(p for p in parameters if p.name not in known)
-        return plant.with_force(
-            ForceTerm(cause.name, -opposing.xreplace(table), cause.says, parameters=new)
-        )
+        along = -opposing.xreplace(table)
+        return plant.with_force(ForceTerm(cause.name, along, cause.says, parameters=new))
 
     return Mechanism(parameters, at, grid, extend, refined)
+
+
+def of_friction(
+    share: str,
+    changes: Mapping[Parameter, sp.Expr],
+    constants: tuple[Parameter, ...] = (),
+    grid: Grid = once,
+    refined: str = "",
+    per_record: bool = False,
+    one_way: bool = False,
+) -> Mechanism:
+    """A change of friction along courses, see `force`; if `one_way`, in +x with its magnitude.
+
+    The dry part changes, and the share `share` of the rest: none or all is tried, because the
+    lubricant may be the same everywhere while the surfaces differ. In a law with bristles, the
+    level of friction changes, and the bristles relax with it.
+    """
+
+    def changed(course: sp.Expr) -> sp.Expr:
+        relaxing = RELAXATION * symbol("v") * sp.diff(course, symbol("x"))
+        found = DRY * (course + relaxing) + symbol(share) * (FRICTION - DRY) * course
+        return sp.Abs(found) if one_way else found
+
+    def either_way(courses: Courses, model: Drive) -> list[Values]:
+        return [{**values, share: s} for values in grid(courses, model) for s in (0.0, 1.0)]
+
+    says = "share of the viscous friction that changes as well"
+    forces = {p: changed(course) for p, course in changes.items()}
+    known = (*constants, parameter(share, "1", says))
+    return force(forces, known, either_way, refined, per_record)
 
 
 def voltage(
@@ -205,8 +237,8 @@ def voltage(
 ) -> Mechanism:
     """A change between the command and the motor's current, by expressions for ``u`` or ``R``.
 
-    The first parameter is the amplitude, to which the change is proportional without `sure`. A
-    plant that has all of them already has such an equation.
+    The first parameter is the amplitude, to which the change is proportional; or with `sure` it is
+    the size, and refined. A plant that has all of them already has such an equation.
     """
     first = parameters[0].name
     before = symbol("L") * bare_ball_screw().derivative("i")
@@ -224,7 +256,7 @@ def voltage(
             return plant
         return plant.substituted(changed, parameters=(*plant.parameters, *new))
 
-    return Mechanism(parameters, at, grid, extend, refined, cuts_noise)
+    return Mechanism(parameters, at, grid, extend, first if sure else refined, cuts_noise)
 
 
 def engaged(course: Course, model: Drive) -> Vector:
@@ -247,6 +279,7 @@ def _along(
     found = []
     for course, own in zip(courses, signals(courses, model, values), strict=True):
         current = np.append(course.i[1:], course.i[-1])  # at the interval's end: it has settled
+        acting = model.linear.per_ampere * current
         known: dict[str, Vector] = {
             "x": course.middle_x,
             "v": course.middle_v,
@@ -255,12 +288,9 @@ def _along(
             "i": current,
             FRICTION.name: course.bristle + model.linear_friction * course.middle_v,
             DRY.name: course.bristle,
-            ACTING.name: model.linear.per_ampere * current
-            if model.has_motor
-            else model.values["gain"] * course.u,
+            ENGAGED.name: engaged(course, model),
+            ACTING.name: acting if model.has_motor else model.values["gain"] * course.u,
         }
-        if any(ENGAGED.name in free for free, _ in functions):
-            known[ENGAGED.name] = engaged(course, model)
         given = {**numbers, **known, **own}
         columns = [function(*(given[n] for n in free)) for free, function in functions]
         found.append(np.column_stack([np.broadcast_to(c, course.x.shape) for c in columns]))

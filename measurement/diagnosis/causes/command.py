@@ -21,18 +21,7 @@ from ...records.record import fast_noise
 from ..model import Drive
 from ..motion import Course
 from ..windows import lagged
-from .cause import (
-    CERTAIN,
-    Cause,
-    Courses,
-    Form,
-    Grid,
-    Mechanism,
-    Values,
-    of_command,
-    parameter,
-    voltage,
-)
+from .cause import CERTAIN, Cause, Courses, Form, Mechanism, Values, of_command, parameter, voltage
 
 _SHARES = 2.0 ** np.arange(-5.0, 12.0)  # delays over a sampling interval
 _LONGEST = 5e-3  # longest delay [s]; at least eight samples
@@ -44,13 +33,6 @@ def late(u: Vector, delay: float, step: float) -> Vector:
     n = int(whole)
     before = np.concatenate([np.full(n + 1, u[0]), u])[: len(u) + 1]
     return np.asarray((1.0 - share) * before[1:] + share * before[:-1])
-
-
-def _times(courses: Courses) -> Vector:
-    """Delays to try [s]."""
-    step = courses[0].step
-    times = _SHARES * step
-    return times[times <= max(8.0 * step, _LONGEST)]
 
 
 def smeared(u: Vector, window: float, step: float) -> Vector:
@@ -88,23 +70,18 @@ def _late_by(
             changed -= len(c.u) * noise * float(np.sum((answer - pulse) ** 2))
         return lost > changed
 
+    def grid(courses: Courses, model: Drive) -> list[Values]:
+        longest = max(8.0 * courses[0].step, _LONGEST)
+        return [{name: float(t)} for t in _SHARES * courses[0].step if t <= longest]
+
     def at(courses: Courses, model: Drive, values: Values) -> Form:
         command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
         return Form((name,), command=command, values=values, sure=0.35)
 
-    return Mechanism(
-        (time,),
-        at,
-        lambda courses, model: [{name: float(t)} for t in _times(courses)],
-        lambda plant, curve, cause: built(plant, replace(time, minimum=1e-7)),
-        name,
-        cuts_noise,
-    )
+    def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
+        return built(plant, replace(time, minimum=1e-7))
 
-
-def _filtered(u: Vector, time_constant: float, step: float) -> Vector:
-    """A command behind a first-order filter."""
-    return np.asarray(lagged(u[:, None], step, time_constant)[:, 0])
+    return Mechanism((time,), at, grid, extend, name, cuts_noise)
 
 
 def _behind(*coefficients: sp.Expr) -> Callable[[Component, Parameter], Component]:
@@ -119,7 +96,7 @@ INPUT_DELAY = Cause(
     "the command reaches the drive late",
     (
         _late_by("delay", "by which the command arrives late", late, with_late_command),
-        _late_by(_LAG.name, "time constant of the command's filter", _filtered, _behind(_LAG)),
+        _late_by(_LAG.name, "time constant of the command's filter", lagged, _behind(_LAG)),
         _late_by(
             _WINDOW.name,
             "time over which the command is averaged",
@@ -134,9 +111,7 @@ INPUT_DELAY = Cause(
 
 
 # limits over the largest command; the last one cuts nothing and is the end of the search
-_LEVELS = np.concatenate(
-    [np.geomspace(0.02, 0.36, 12), 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)]
-)
+_LEVELS = np.r_[np.geomspace(0.02, 0.36, 12), 1.0 - np.geomspace(0.6, 0.001, 24), 1.0]
 _SAGS = (0.1, 0.3, 1.0)  # resistance of a supply over that of the motor
 _SCALES = np.geomspace(0.02, 12.0, 17)  # scales over the largest command; a bend, not a limit
 _SURE = 0.3
@@ -148,9 +123,12 @@ def _largest(courses: Courses) -> float:
     return max(float(np.abs(c.u).max()) for c in courses)
 
 
-def _scaled(name: str, shares: Vector) -> Grid:
-    """Values to try, as shares of the largest command."""
-    return lambda courses, model: [{name: float(k)} for k in shares * _largest(courses)]
+def _limits(courses: Courses, model: Drive) -> list[Values]:
+    return [{"voltage_limit": float(level)} for level in _LEVELS * _largest(courses)]
+
+
+def _scales(courses: Courses, model: Drive) -> list[Values]:
+    return [{"voltage_scale": float(scale)} for scale in _SCALES * _largest(courses)]
 
 
 def _cuts_noise(courses: Courses, values: Values) -> bool:
@@ -182,36 +160,17 @@ def _drawn(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[s
 
 
 _MOST = sp.Max(_LIMIT - symbol("supply_resistance") * sp.Abs(symbol("i")), 0)
+_CLIPPED, _SAGGING = clip(_U, -_LIMIT, _LIMIT), clip(_U, -_MOST, _MOST)
 _HARD = parameter("voltage_limit", "V", "largest voltage, either sign", 1e6)
+_SOFT = parameter("voltage_scale", "V", "limiting voltage of a nonlinear amplifier", 1e6)
 _SUPPLY = parameter("supply_resistance", "Ohm", "by which the limit falls with the current")
 VOLTAGE_SATURATION = Cause(
     "voltage_saturation",
     "the amplifier gives less voltage than the largest commands demand",
     (
-        voltage(
-            {_U: clip(_U, -_LIMIT, _LIMIT)},
-            (_HARD,),
-            _scaled("voltage_limit", _LEVELS),
-            "voltage_limit",
-            _SURE,
-            cuts_noise=_cuts_noise,
-        ),
-        voltage(
-            {_U: _SCALE * sp.tanh(_U / _SCALE)},
-            (parameter("voltage_scale", "V", "limiting voltage of a nonlinear amplifier", 1e6),),
-            _scaled("voltage_scale", _SCALES),
-            "voltage_scale",
-            _SURE,
-        ),
-        voltage(
-            {_U: clip(_U, -_MOST, _MOST)},
-            (_HARD, _SUPPLY),
-            _sags,
-            "voltage_limit",
-            _SURE,
-            _drawn,
-            _cuts_noise,
-        ),
+        voltage({_U: _CLIPPED}, (_HARD,), _limits, sure=_SURE, cuts_noise=_cuts_noise),
+        voltage({_U: _SCALE * sp.tanh(_U / _SCALE)}, (_SOFT,), _scales, sure=_SURE),
+        voltage({_U: _SAGGING}, (_HARD, _SUPPLY), _sags, "", _SURE, _drawn, _cuts_noise),
     ),
     confirm="measure the motor's voltage at the largest command",
     smaller=of_command,
@@ -226,12 +185,13 @@ def _time_shift(courses: Courses, model: Drive, values: Values) -> Form:
     return Form(("time_shift",), command=command, values=values, sure=CERTAIN)
 
 
-def _scale_of_u(courses: Courses, model: Drive, values: Values) -> Form:
-    return Form(("scale_of_u",), command=[c.u[:, None] for c in courses])
+def _of_command(name: str, times: float, sure: float | None = None) -> Mechanism:
+    """A command recorded with another factor."""
 
+    def at(courses: Courses, model: Drive, values: Values) -> Form:
+        return Form((name,), command=[times * c.u[:, None] for c in courses], sure=sure)
 
-def _sign_of_u(courses: Courses, model: Drive, values: Values) -> Form:
-    return Form(("sign_of_u",), command=[-2.0 * c.u[:, None] for c in courses], sure=CERTAIN)
+    return Mechanism((), at)
 
 
 _SHIFTS = (*range(-20, 0), *range(1, 21))
@@ -247,14 +207,14 @@ TIME_SHIFT = Cause(
 SCALE_OF_U = Cause(
     "scale_of_u",
     "the recorded command has a wrong scale",
-    (Mechanism((), _scale_of_u),),
+    (_of_command("scale_of_u", 1.0),),
     confirm="measure the voltage at the motor with a meter",
     smaller=of_command,
 )
 SIGN_OF_U = Cause(
     "sign_of_u",
     "the recorded command has the wrong sign",
-    (Mechanism((), _sign_of_u),),
+    (_of_command("sign_of_u", -2.0, CERTAIN),),
     confirm="command a small positive voltage and check the direction of motion",
 )
 

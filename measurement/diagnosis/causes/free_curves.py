@@ -8,7 +8,6 @@ signal of the curve shows with what it varies.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -55,26 +54,22 @@ def free_curves(courses: Sequence[Course], model: Drive) -> list[Form]:
     lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
     in_time = max(5, min(round(lasts / _TIME_KNOT), _MOST))
     in_place = max(6, min(round(travel / _PLACE_KNOT), _MOST))
-    made = [
-        replace(_splines(signal, carrier, count), lives=lives)
-        for lives, signal, carrier, count in (
-            ("in time", time, sign, in_time),
-            ("in time", time, one, in_time),
-            ("with position", place, sign, in_place),
-            ("with position", place, one, in_place),
-            ("in time", time, pace, 12),
-            ("with position", place, pace, 10),
-            ("at reversals", logway, sign, 10),
-            ("with speed", speed, sign, 8),
-            ("with speed and one direction", speed, one, 8),
-        )
+    rounded = any(Beats.of(c) for c in courses)  # rounding swings at a constant speed
+    return [
+        _splines("in time", time, sign, in_time),
+        _splines("in time", time, one, in_time),
+        _splines("with position", place, sign, in_place),
+        _splines("with position", place, one, in_place),
+        _splines("in time", time, pace, 12),
+        _splines("with position", place, pace, 10),
+        _splines("at reversals", logway, sign, 10),
+        _splines("with speed", speed, sign, 8),
+        _splines("with speed and one direction", speed, one, 8),
+        *([] if rounded else [_swings("in time, swinging", courses, time)]),
     ]
-    if any(Beats.of(c) for c in courses):
-        return made  # rounding swings at a constant speed
-    return [*made, replace(_swings(courses, time), lives="in time, swinging")]
 
 
-def _swings(courses: Sequence[Course], time: list[Vector]) -> Form:
+def _swings(lives: str, courses: Sequence[Course], time: list[Vector]) -> Form:
     """Sines in time at the strongest frequencies of the unknown force."""
     c = max(courses, key=lambda c: len(c.x))
     window = np.hanning(len(c.unknown))
@@ -91,10 +86,10 @@ def _swings(courses: Sequence[Course], time: list[Vector]) -> Form:
         np.column_stack([w(2 * np.pi * f * t) for f in best for w in (np.cos, np.sin)])
         for t in time
     ]
-    return Form(names, force=force)
+    return Form(names, force=force, lives=lives)
 
 
-def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Form:
+def _splines(lives: str, signal: list[Vector], carrier: list[Vector], count: int) -> Form:
     """Cubic B-splines over a signal, times another signal."""
     low = min(float(s.min()) for s in signal)
     high = max(float(s.max()) for s in signal)
@@ -106,4 +101,4 @@ def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Form:
     for s, c in zip(signal, carrier, strict=True):
         basis = BSpline.design_matrix(np.clip(s, low, high), knots, 3).toarray()
         force.append(basis[:, :count] * c[:, None])
-    return Form(tuple(f"b{k}" for k in range(force[0].shape[1])), force=force)
+    return Form(tuple(f"b{k}" for k in range(force[0].shape[1])), force=force, lives=lives)

@@ -1,7 +1,14 @@
-"""Forces that depend on speed, direction or time, and a resistance that changes in time."""
+"""Forces that depend on speed, direction or time, and what acts after a reversal.
+
+The latter are bristles, or a gap or a spring between encoder and block. The plant has the two as a
+force between two bodies, see `two_masses`. Along a record, the motion of the encoder's side is
+given, and compiled code integrates that of the block with steps that are stable for any stiffness.
+The friction of the block has its own states, so its motion is not a closed expression.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -9,9 +16,11 @@ import numpy as np
 import sympy as sp
 
 from ....plant.lugre import stribeck
+from ....plant.two_masses import GAP, STIFFNESS, with_gap, with_spring
 from ....solver.arrays import Vector
 from ....solver.component import TIME, Component, Parameter, symbol
-from ...identification.fitted_law import BRISTLES
+from ...identification.fitted_law import BRISTLES, assumed_damping
+from ...identification.law_along_record import SHARPNESS, force_behind
 from ..model import Drive
 from ..motion import Course, with_law_force
 from .cause import (
@@ -25,28 +34,23 @@ from .cause import (
     Mechanism,
     Values,
     force,
+    of_friction,
     parameter,
     voltage,
 )
-from .travel import changing, either_way, fast_speed, viscous_share
+from .travel import fast_speed
 
-_ASYMMETRY_SHARE = "asymmetry_viscous_share"
+_V = symbol("v")
 _ASYMMETRY_SPEED = "V_asymmetry"
-_ALIKE = force(
-    {
-        parameter("asymmetry", "1", "relative increase of friction in +x"): sp.Abs(
-            changing(_ASYMMETRY_SHARE, sp.Integer(1))
-        )
-    },
-    (viscous_share(_ASYMMETRY_SHARE),),
-    lambda courses, model: either_way([{}], _ASYMMETRY_SHARE),
+_ALIKE = of_friction(
+    "asymmetry_viscous_share",
+    {parameter("asymmetry", "1", "relative increase of friction in +x"): sp.Integer(1)},
+    one_way=True,
 )
 _DRY_AND_VISCOUS = force(
     {
         parameter("dry_asymmetry", "1", "relative increase of dry friction in +x"): sp.Abs(DRY),
-        parameter("dF_asymmetry", "N", "by which the viscous one is, at V_asymmetry"): sp.Abs(
-            symbol("v")
-        )
+        parameter("dF_asymmetry", "N", "by which the viscous one is, at V_asymmetry"): sp.Abs(_V)
         / symbol(_ASYMMETRY_SPEED),
     },
     (parameter(_ASYMMETRY_SPEED, "m/s", "speed at which that force is given", 1.0),),
@@ -69,39 +73,32 @@ LOAD_BIAS = Cause(
     entry="force of one sign",
 )
 
-_V = symbol("v")
 _SLOWEST = sp.Float("1e-5")  # below this speed a root is replaced by a line [m/s]
 _POWERS = (0.5, 1.5, 3.0)
 
-_QUADRATIC = force(
-    {parameter("sigma3", "N*s^2/m^2", "quadratic viscous coefficient"): _V * sp.Abs(_V)}
-)
-_POWER = force(
-    {
-        parameter("F_power", "N", "friction at viscous_speed minus that of the model"): _V
-        / symbol("viscous_speed")
-        * (sp.sqrt(_V**2 + _SLOWEST**2) / symbol("viscous_speed")) ** (symbol("viscous_power") - 1)
-    },
-    (
-        parameter("viscous_power", "1", "power of the speed", 1.0),
-        parameter("viscous_speed", "m/s", "speed at which the force is given", 1.0),
-    ),
-    lambda courses, model: [
-        {"viscous_power": power, "viscous_speed": fast_speed(courses)} for power in _POWERS
-    ],
-)
+_SIGMA3 = parameter("sigma3", "N*s^2/m^2", "quadratic viscous coefficient")
+_AT_SPEED = parameter("F_power", "N", "friction at viscous_speed minus that of the model")
+_EXPONENT = parameter("viscous_power", "1", "power of the speed", 1.0)
+_SPEED = parameter("viscous_speed", "m/s", "speed at which the force is given", 1.0)
+_PACE = sp.sqrt(_V**2 + _SLOWEST**2) / symbol(_SPEED.name)
+
+
+def _powers(courses: Courses, model: Drive) -> list[Values]:
+    fast = fast_speed(courses)
+    return [{_EXPONENT.name: power, _SPEED.name: fast} for power in _POWERS]
+
+
+_SHAPE = _V / symbol(_SPEED.name) * _PACE ** (symbol(_EXPONENT.name) - 1)
 NONLINEAR_VISCOUS = Cause(
     "nonlinear_viscous",
     "friction at high speed is not proportional to the speed",
-    (_QUADRATIC, _POWER),
+    (force({_SIGMA3: _V * sp.Abs(_V)}), force({_AT_SPEED: _SHAPE}, (_EXPONENT, _SPEED), _powers)),
     confirm="constant speeds up to the highest: friction over speed is not a straight line",
 )
 
 _SPEEDS = 14
 _SMALL = 0.05  # bend, as a share of friction, whose effect is still proportional to it
 _DEEPEST = 0.9  # largest decrease by a bend, as a share of friction
-_BEYOND = "friction at low speed minus that of the model"
-_FALLEN = "speed by which it has fallen to 1/e"
 # the Stribeck curve from one to zero, as in the law along a record
 _BEND = stribeck(symbol("v")).xreplace(
     {symbol("Fc"): sp.Integer(0), symbol("Fs"): sp.Integer(1), symbol("Vs"): symbol("V_mismatch")}
@@ -116,7 +113,7 @@ def _speeds(courses: Courses) -> list[float]:
     return [float(v) for v in np.geomspace(low, high, _SPEEDS)] if high > 1.2 * low else []
 
 
-def _at(courses: Courses, model: Drive, values: Values) -> Form:
+def _bend(courses: Courses, model: Drive, values: Values) -> Form:
     if model.law not in BRISTLES:
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale
@@ -128,7 +125,7 @@ def _at(courses: Courses, model: Drive, values: Values) -> Form:
     return Form(("dF_low",), force=forces, values=values)
 
 
-def _extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
+def _bent_plant(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
     """Add the bend to the law's Stribeck curve if it has one, otherwise to the law's force."""
     names = [p.name for p in plant.all_parameters]
     bent = [n for n in names if n.partition("_")[0] in ("Fc", "Fs")]
@@ -142,15 +139,15 @@ def _extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
 
 
 _ADDED = force(
-    {parameter("dF_low", "N", _BEYOND): _BEND * ENGAGED},
-    (parameter("V_mismatch", "m/s", _FALLEN, 1.0),),
+    {parameter("dF_low", "N", "friction at low speed minus that of the model"): _BEND * ENGAGED},
+    (parameter("V_mismatch", "m/s", "speed by which it has fallen to 1/e", 1.0),),
     lambda courses, model: [{"V_mismatch": v} for v in _speeds(courses)],
     "V_mismatch",
 )
 STRIBECK_MISMATCH = Cause(
     "stribeck_mismatch",
     "friction at low speed has another curve than that of the model",
-    (replace(_ADDED, at=_at, extend=_extend),),
+    (replace(_ADDED, at=_bend, extend=_bent_plant),),
     confirm="constant speeds, closely spaced where the curve changes: the experiment of Table 2.3",
 )
 
@@ -189,18 +186,11 @@ def _courses(name: str, line: str, of: Callable[..., Mechanism]) -> tuple[Mechan
     )
 
 
-_SHARE = "drift_viscous_share"
-
-
 def _friction_drifting(
     change: str, course: sp.Expr, constant: Parameter, grid: Grid, refined: str
 ) -> Mechanism:
-    return force(
-        {parameter(change, "1", "share by which friction grows"): changing(_SHARE, course)},
-        (constant, viscous_share(_SHARE)),
-        lambda courses, model: either_way(grid(courses, model), _SHARE),
-        refined,
-    )
+    grows = parameter(change, "1", "share by which friction grows")
+    return of_friction("drift_viscous_share", {grows: course}, (constant,), grid, refined)
 
 
 def _temperature(course: Course) -> Vector | None:
@@ -256,4 +246,104 @@ RESISTANCE_DRIFT = Cause(
     confirm="record the current: compare voltage over current at standstill, before and after the "
     "run",
     beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
+)
+
+
+# -- after a reversal --------------------------------------------------------------------------
+
+
+def joint(
+    kind: str, varied: Parameter, build: Callable[[Component], Component], grid: Grid, sure: float
+) -> Mechanism:
+    """A joint with one parameter; `kind` as in `force_behind`."""
+
+    def at(courses: Courses, model: Drive, values: Values) -> Form:
+        size, block, forces = values[varied.name], model.linear.block, []
+        for c in courses:
+            behind = force_behind(kind, model.law_values, c.x, c.v, c.step, size, block)
+            rigid = c.bristle + model.linear_friction * c.middle_v + block * c.mean_a
+            forces.append((behind - rigid)[:, None])
+        return Form((varied.name,), force=forces, values=values, sure=sure)
+
+    return Mechanism((varied,), at, grid, lambda plant, curve, cause: build(plant), varied.name)
+
+
+_GAPS = 1e-6 * 2.0 ** np.arange(1.0, 10.75, 0.5)  # [m]
+
+
+def _gap_grid(courses: Courses, model: Drive) -> list[Values]:
+    return [{GAP.name: float(gap)} for gap in _GAPS]
+
+
+BACKLASH = Cause(
+    "backlash",
+    "backlash: at each reversal the screw turns through a gap before it moves the block",
+    (joint("gap", GAP, with_gap, _gap_grid, sure=0.2),),
+    confirm="reverse slowly and record the current: it is near zero until the gap is closed",
+)
+
+
+_YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # deflection under the friction of slow sliding [m]
+
+
+def _spring_grid(courses: Courses, model: Drive) -> list[Values]:
+    stiffest = model.values.get("sigma0", math.inf)  # a stiffer spring acts like bristles
+    grid = (model.friction_scale / float(way) for way in _YIELDING)
+    return [{STIFFNESS.name: k} for k in grid if k < stiffest]
+
+
+COMPLIANCE = Cause(
+    "compliance",
+    "something elastic lies between the encoder and the block",
+    (joint("spring", STIFFNESS, with_spring, _spring_grid, sure=0.3),),
+    confirm="a sensor on the block in addition to the encoder: their readings differ when the "
+    "force reverses",
+    entry="softer at reversal",
+)
+
+
+PRESLIDING = "presliding_hysteresis"
+_RATIOS = (0.35, 0.0)  # bristle damping over critical damping, in addition to one
+_WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # presliding distances [m]
+
+
+def bristled(model: Drive, sigma0: float, damping_ratio: float = 1.0) -> Drive:
+    """The model with LuGre bristles and its own curve over speed, see `damping_ratio`."""
+    sigma1 = assumed_damping(sigma0, model.values["sigma2"], model.linear.block, damping_ratio)
+    values = {**model.values, "sigma0": sigma0, "sigma1": max(sigma1, 0.0), "Kv": SHARPNESS}
+    return replace(model, law="modified_lugre", values=values)
+
+
+def _stiffnesses(courses: Courses, model: Drive) -> list[Values]:
+    return [{"sigma0": model.friction_scale / float(way)} for way in _WAYS]
+
+
+def _less_damped(courses: Courses, model: Drive) -> list[Values]:
+    ways = _stiffnesses(courses, model)
+    return [{**v, "damping_ratio": ratio} for ratio in _RATIOS for v in ways]
+
+
+def _bristles(courses: Courses, model: Drive, values: Values) -> Form:
+    bent = bristled(model, **values)
+    forces = [(with_law_force(c, bent).bristle - c.bristle)[:, None] for c in courses]
+    return Form(("sigma0",), force=forces, values=values, sure=0.3)
+
+
+def _has_bristles(courses: Courses, model: Drive) -> str | None:
+    return None if model.law == "classical" else "the prior law is not the classical one"
+
+
+_STIFFNESS = parameter("sigma0", "N/m", "stiffness of the bristles", 1e6)
+_RATIO = parameter("damping_ratio", "1", "damping of the bristles, share of the critical one", 1.0)
+PRESLIDING_HYSTERESIS = Cause(
+    PRESLIDING,
+    "presliding: after each reversal the force rises over a distance, which the law does not "
+    "describe",
+    (
+        Mechanism((_STIFFNESS,), _bristles, _stiffnesses, refined="sigma0"),
+        Mechanism((_STIFFNESS, _RATIO), _bristles, _less_damped, refined="sigma0"),
+    ),
+    confirm="small slow movements forwards and backwards: force over position is a hysteresis loop",
+    beyond=_has_bristles,
+    entry="softer at reversal",
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,18 +15,7 @@ from ....solver.component import Parameter, symbol
 from ...records.record import resolution_of
 from ..model import Drive
 from ..motion import Course
-from .cause import (
-    ACTING,
-    DRY,
-    FRICTION,
-    RELAXATION,
-    Cause,
-    Courses,
-    Mechanism,
-    Values,
-    force,
-    parameter,
-)
+from .cause import ACTING, Cause, Courses, Grid, Mechanism, Values, force, of_friction, parameter
 
 _FEWEST_PERIODS = 2  # fewest periods in the travel
 _MOST_PERIODS = 250
@@ -39,33 +28,9 @@ _AROUND = 75  # width of the surroundings, in fifths of a period in the travel
 _CONSTANT = 0.05  # largest relative deviation of a constant speed
 _HARMONICS, _BESIDE = 4, 3.0  # harmonics of rounding, and half-width around each
 
-Wave = Callable[[sp.Expr], sp.Expr]
-
-
-def viscous_share(name: str) -> Parameter:
-    """Share of the viscous friction that changes with the dry friction.
-
-    The lubricant may be the same everywhere while the surfaces differ.
-    """
-    return parameter(name, "1", "share of the viscous friction that changes as well")
-
-
-def changing(name: str, course: sp.Expr) -> sp.Expr:
-    """Change of friction along a course: the dry part, and the share `name` of the rest.
-
-    In a law with bristles, the level of friction changes, and the bristles relax with it.
-    """
-    rate = symbol("v") * sp.diff(course, symbol("x"))
-    return DRY * (course + RELAXATION * rate) + symbol(name) * (FRICTION - DRY) * course
-
-
-def either_way(values: list[Values], name: str) -> list[Values]:
-    """Each of the values for the dry friction alone and for all friction."""
-    return [{**v, name: share} for v in values for share in (0.0, 1.0)]
-
 
 def waves(
-    name: str, unit: str, meaning: str, per_metre: str, harmonics: Sequence[int], of: Wave
+    name: str, unit: str, meaning: str, per_metre: str, harmonics: Sequence[int]
 ) -> dict[Parameter, sp.Expr]:
     """Cosine and sine of each harmonic; with several harmonics, names contain the number."""
     found = {}
@@ -73,8 +38,7 @@ def waves(
         angle = 2 * sp.pi * times * symbol(per_metre) * symbol("x")
         suffix = f"_{times}" if len(harmonics) > 1 else ""
         for short, kind, wave in (("cos", "cosine", sp.cos), ("sin", "sine", sp.sin)):
-            says = meaning.format(kind)
-            found[parameter(f"{name}_{short}{suffix}", unit, says)] = of(wave(angle))
+            found[parameter(f"{name}_{short}{suffix}", unit, meaning.format(kind))] = wave(angle)
     return found
 
 
@@ -199,87 +163,63 @@ def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
 _TREND_SHARE = "trend_viscous_share"
 _WORN_FROM = (-0.4, 0.0, 0.4)  # start of the worn end, over half the travel
 _AT_END = "friction at the end of the travel minus that in its middle, as a share"
-_TREND = {"friction_trend": _AT_END}
-_SLOPE_AND_BOW = {
-    "friction_slope": _AT_END,
-    "friction_bow": "friction at both ends minus that in the middle, as a share",
-}
+_SLOPE = parameter("friction_slope", "1", _AT_END)
+_BOW = parameter("friction_bow", "1", "friction at both ends minus that in the middle, as a share")
 
 
-def _over_travel(middle: str, half: str, powers: dict[str, str]) -> Mechanism:
-    """Friction by powers of the position from the middle of the travel; with their meanings."""
+def _over_travel(middle: str, half: str, *powers: Parameter) -> Mechanism:
+    """Friction by powers of the position from the middle of the travel."""
     place = (symbol("x") - symbol(middle)) / symbol(half)
+    first = parameter(middle, "m", "middle of the travel")
+    known = first, parameter(half, "m", "half the travel", 1.0)
 
     def grid(courses: Courses, model: Drive) -> list[Values]:
-        ends = dict(zip((middle, half), middle_and_half(courses), strict=True))
-        return either_way([ends], _TREND_SHARE)
+        return [dict(zip((middle, half), middle_and_half(courses), strict=True))]
 
-    return force(
-        {
-            parameter(name, "1", meaning): changing(_TREND_SHARE, place**power)
-            for power, (name, meaning) in enumerate(powers.items(), start=1)
-        },
-        (
-            parameter(middle, "m", "middle of the travel"),
-            parameter(half, "m", "half the travel", 1.0),
-            viscous_share(_TREND_SHARE),
-        ),
-        grid,
-    )
+    changes = {p: place**power for power, p in enumerate(powers, start=1)}
+    return of_friction(_TREND_SHARE, changes, known, grid)
 
 
-def _ends(courses: Courses, model: Drive) -> list[Values]:
+def _worn_ends(courses: Courses, model: Drive) -> list[Values]:
     middle, half = middle_and_half(courses)
-    worn: list[Values] = [
+    return [
         {"x_worn": middle + k * half, "way_worn": way * (1 - way * k) * half}
         for k in _WORN_FROM
         for way in (1.0, -1.0)
     ]
-    return either_way(worn, _TREND_SHARE)
 
 
 _INTO = (symbol("x") - symbol("x_worn")) / symbol("way_worn")
 _WORN = parameter("friction_worn", "1", "additional friction at the worn end, as a share")
-_END = force(
-    {_WORN: changing(_TREND_SHARE, (_INTO + sp.Abs(_INTO)) / 2)},
-    (
-        parameter("x_worn", "m", "where the worn part begins"),
-        parameter("way_worn", "m", "length from there to the end; negative: towards -x", 1.0),
-        viscous_share(_TREND_SHARE),
-    ),
-    _ends,
-)
+_FROM = parameter("x_worn", "m", "where the worn part begins")
+_LONG = parameter("way_worn", "m", "length from there to the end; negative: towards -x", 1.0)
 POSITION_TREND_FRICTION = Cause(
     "position_trend_friction",
     "friction changes from one end of the travel to the other",
     (
-        _over_travel("x_middle", "x_half", _TREND),
-        _over_travel("x_bow", "bow_half", _SLOPE_AND_BOW),
-        _END,
+        _over_travel("x_middle", "x_half", parameter("friction_trend", "1", _AT_END)),
+        _over_travel("x_bow", "bow_half", _SLOPE, _BOW),
+        of_friction(_TREND_SHARE, {_WORN: (_INTO + sp.Abs(_INTO)) / 2}, (_FROM, _LONG), _worn_ends),
     ),
     confirm="slow runs over the whole travel in both directions: the difference of the forces "
     "changes along the travel",
 )
 
 
-_PERIODIC_SHARE = "periodic_viscous_share"
 _PER_TURN = (1, 2)  # periods per turn of the screw
 _SLOWLY = "move slowly over a few turns in both directions: the periodic part "
 
 
+def _periods_of(per_metre: str, tried: Sequence[int]) -> tuple[tuple[Parameter], Grid]:
+    """The parameter of a swing over position, and its values to try."""
+    constant = parameter(per_metre, "1/m", "periods per metre", 1.0)
+    return (constant,), lambda courses, model: periods(courses, model, per_metre, tried)
+
+
 def _friction_swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:
-    def grid(courses: Courses, model: Drive) -> list[Values]:
-        return either_way(periods(courses, model, per_metre, _PER_TURN), _PERIODIC_SHARE)
-
-    def of(wave: sp.Expr) -> sp.Expr:
-        return changing(_PERIODIC_SHARE, wave)
-
-    return force(
-        waves("friction", "1", "share of friction with the {}", per_metre, harmonics, of),
-        (parameter(per_metre, "1/m", "periods per metre", 1.0), viscous_share(_PERIODIC_SHARE)),
-        grid,
-        per_record=True,
-    )
+    swings = waves("friction", "1", "share of friction with the {}", per_metre, harmonics)
+    known = _periods_of(per_metre, _PER_TURN)
+    return of_friction("periodic_viscous_share", swings, *known, per_record=True)
 
 
 POSITION_PERIODIC_FRICTION = Cause(
@@ -297,17 +237,10 @@ def _force_swinging(
     name: str, per_metre: str, harmonics: tuple[int, ...], tried: range, acting: bool = False
 ) -> Mechanism:
     """A ripple of the force; if `acting`, as a share of the acting force."""
-
-    def of(wave: sp.Expr) -> sp.Expr:
-        return -ACTING * wave if acting else wave
-
-    unit, says = "1" if acting else "N", "swing with the {} of the angle"
-    return force(
-        waves(name, unit, says, per_metre, harmonics, of),
-        (parameter(per_metre, "1/m", "periods per metre", 1.0),),
-        lambda courses, model: periods(courses, model, per_metre, tried),
-        per_record=True,
-    )
+    unit, of = ("1", -ACTING) if acting else ("N", sp.Integer(1))
+    swings = waves(name, unit, "swing with the {} of the angle", per_metre, harmonics)
+    forces = {p: of * wave for p, wave in swings.items()}
+    return force(forces, *_periods_of(per_metre, tried), per_record=True)
 
 
 TORQUE_RIPPLE = Cause(

@@ -22,7 +22,7 @@ def course():
 def test_white_noise_has_its_variance_in_every_number_of_every_band(course):
     bands = cut([course], nominal())
     size, many = 3.0, 200
-    shape = windows(len(course.x), course.width), len(course.channels), many
+    shape = windows(len(course.x), course.width), 1 + course.has_current, many
     noise = size * np.random.default_rng(1).standard_normal(shape)
     lines = bands.lines([noise])
     found = np.einsum("qbii->qb", products(lines, lines)) / many

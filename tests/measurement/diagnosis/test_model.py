@@ -105,7 +105,7 @@ def written_by_a_diagnosis(model, name, values):
         corrected=model,
         causes=[cause],
     )
-    return corrected(result, with_causes(model, [(name, values)]), None).text()
+    return corrected(result, with_causes(model, [(name, values)]), ParameterFile()).text()
 
 
 @pytest.mark.parametrize(

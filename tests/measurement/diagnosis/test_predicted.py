@@ -99,7 +99,7 @@ def test_the_figures_of_a_comparison_are_those_of_the_prediction(stuck):
     assert parts["all"].position.value < 1e-5
     assert parts["rest"].force.value == 0.0  # 12 N is held
     assert true.shares["rest"] == pytest.approx(np.mean(v == 0.0), abs=0.01)
-    assert true.rests[RESTS].all()
+    assert true.courses[0].rests[RESTS].all()
     # what opposes the motion, by the oracle's own law
     fast = np.abs(v) > 0.1
     friction = np.sign(v) * TRUTH["Fc"] + TRUTH["sigma2"] * v

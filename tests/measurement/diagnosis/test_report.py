@@ -12,7 +12,7 @@ from slide_records import believed, slide_record
 from ballscrew.measured_results import DiagnosisResult
 from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.held_out import Level
-from ballscrew.measurement.diagnosis.pictures import binned, diagnosis_figure
+from ballscrew.measurement.diagnosis.report import binned, diagnosis_figure
 from ballscrew.orchestration.loop.shown import length
 
 

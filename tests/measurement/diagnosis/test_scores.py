@@ -41,13 +41,8 @@ def drawn(seed, amplitude, sizes):
     noise = random.standard_normal((BLOCKS, BANDS, ROWS)) * np.array(sizes)[None, :, None]
     signal = columns @ amplitude + noise
     data = np.concatenate([signal[..., None], columns], axis=3)
-    bands = Bands(
-        blocks=[],
-        used=np.ones(BANDS, dtype=bool),
-        counts=np.full((BLOCKS, BANDS), float(ROWS)),
-        top=np.inf,
-    )
-    return data, bands
+    counts = np.full((BLOCKS, BANDS), float(ROWS))
+    return data, Bands([], np.ones(BANDS, dtype=bool), counts, np.inf)
 
 
 def fit_of(data, bands, columns=COLUMNS, spread=1e6, most=np.inf):

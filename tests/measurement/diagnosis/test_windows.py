@@ -63,7 +63,7 @@ def test_a_lag_is_what_an_independent_solver_makes_of_it(time_constant):
         ends.append(state)
         state = solved.y[0, -1]
         means.append(solved.y[1, -1] / STEP)
-    assert lagged(command[:, None], STEP, time_constant)[:, 0] == pytest.approx(means, abs=1e-7)
+    assert lagged(command, time_constant, STEP) == pytest.approx(means, abs=1e-7)
 
 
 @pytest.mark.ci
