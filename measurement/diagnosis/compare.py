@@ -21,7 +21,7 @@ from ..identification.motion_parts import REST, motion_parts
 from ..records.examine import check_identifiable
 from ..records.record import Record
 from .balance import AROUND_REST, Courses, balance, check_motion, noise_of_readings, residual, rms
-from .causes import CAUSES
+from .causes import CAUSES, SIGNALS
 from .corrected import IN_COMMAND, NOT_PREDICTED, PARTING, Causes, Predictor, ends_of_seconds
 from .model import Drive, commanded, compiled, drive_of
 from .motion import Course, jumps_of, lay_along, recalibrated, shaken, with_law_force
@@ -162,6 +162,10 @@ def compare_records(
     models[first] = accepts
     if file.found and not diagnosed:
         notes.append(f"left aside: {', '.join(file.found)} of [found], no part of the plant")
+    causes = {n: v for n, v in (diagnosed.causes if diagnosed else {}).items() if n not in SIGNALS}
+    if diagnosed and (aside := [n for n in diagnosed.causes if n in SIGNALS]):
+        what = "wrong in the records diagnosed, not in the plant: correct it in a record"
+        notes.append(f"left aside: {', '.join(aside)}, {what}")
     notes += [TURNS] * file.turns + check_identifiable(records)
     shift = {"command_shift": diagnosed.command_shift if diagnosed else 0.0}
     courses = recalibrated([lay_along(r, accepts) for r in records], shift)
@@ -170,8 +174,8 @@ def compare_records(
     traces, lowest = {}, "adjusted" if diagnosed else "model"
     for name, model in models.items():
         progress(f"solving the {name} model" if diagnosed else "solving the model")
-        causes = diagnosed.causes if diagnosed and name == "corrected" else {}
-        traces[name] = _trace(courses, model, causes, file.path, name == lowest)
+        own = causes if name == "corrected" else {}
+        traces[name] = _trace(courses, model, own, file.path, name == lowest)
         if why := traces[name].why:
             notes.append(f"no position is predicted with the {name} model: {why}")
 
@@ -200,7 +204,7 @@ def compare_records(
     return Compared(
         records=tuple(c.record.name for c in courses),
         diagnosed=diagnosed.records if diagnosed else (),
-        causes=tuple(diagnosed.causes) if diagnosed else (),
+        causes=tuple(causes),
         seconds=sum(len(c.x) * c.step for c in courses),
         friction=rms(traces[first].required[traces[first].counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},

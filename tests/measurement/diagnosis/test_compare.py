@@ -71,6 +71,14 @@ def test_a_cause_that_is_not_there_loses(loaded):
     assert gain.position.interval[1] < 0.0
 
 
+def test_an_error_of_the_diagnosed_signals_is_left_aside(loaded):
+    causes = {"scale_of_u": {"scale_of_u": 0.5}, "load_bias": {"load": LOAD}}
+    found = compare_records([loaded], a_file(causes=causes))
+    assert found.causes == ("load_bias",)
+    assert found.models["corrected"]["all"].force.value < 0.2 * LOAD
+    assert any(note.startswith("left aside: scale_of_u, wrong in the") for note in found.notes)
+
+
 def test_values_adjusted_are_compared_with_the_prior_ones():
     record = a_record({}, 4)
     wrong = {"sigma2": 1.2 * TRUTH["sigma2"]}
