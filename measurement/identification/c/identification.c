@@ -6,4 +6,5 @@
 #endif
 
 #include "laws.c"
+#include "joints.c"
 #include "likelihood.c"
