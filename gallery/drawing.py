@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
+from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, styled_figure, write_figure
 
 __all__ = ["COLOURS", "DASHES", "drawing", "part", "write_figure"]
 
@@ -15,10 +15,7 @@ __all__ = ["COLOURS", "DASHES", "drawing", "part", "write_figure"]
 @contextmanager
 def drawing(columns: int = 1, rows: int = 1, height: float = 3.8) -> Iterator[tuple[Any, Any]]:
     """A figure and a flat array of its axes, in the common style."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        figure, axes = new_figure(rows, columns, (9.5, height * rows))
+    with styled_figure(rows, columns, (9.5, height * rows)) as (figure, axes):
         yield figure, list(axes.flat)
 
 

@@ -9,14 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.loop.pictures import (
-    COLOURS,
-    DASHES,
-    STYLE,
-    drawing,
-    new_figure,
-    write_figure,
-)
+from ..orchestration.loop.pictures import COLOURS, DASHES, drawing, styled_figure, write_figure
 from ..orchestration.loop.shown import labelled, shown_unit
 from ..solver.files import read_table, table_path
 from ..solver.kernel import PLANT
@@ -56,13 +49,10 @@ def moved_by(run: LyapunovRun) -> str:
 
 def convergence_figure(run: LyapunovRun) -> Any:
     """A figure of the running estimates against time, with their limits."""
-    import matplotlib as mpl
-
     time, rates, _ = run.running()
     if not len(time):  # the time for computing was used up before the first estimate
         time, rates = np.zeros(1), np.full((1, rates.shape[1]), np.nan)
-    with mpl.rc_context(STYLE):
-        figure, ((axes,), (drift,)) = new_figure(2, 1, (8, 7.5))
+    with styled_figure(2, 1, (8, 7.5)) as (figure, ((axes,), (drift,))):
         for k, course in enumerate(rates.T):
             known = np.isfinite(course)
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
@@ -98,7 +88,6 @@ def save_map_picture(plan: MapPlan, folder: Path) -> None:
 
 def map_figure(plan: MapPlan, folder: Path) -> Any:
     """A figure of the map's table in `folder`: verdicts, distances, swings, exponents."""
-    import matplotlib as mpl
     from matplotlib.colors import ListedColormap
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -116,8 +105,8 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
     boundary = _boundary(plan)
     where = plan.x.values(), plan.y.values()
     count = 3 + with_rate
-    with mpl.rc_context({**STYLE, "axes.grid": False}):
-        figure, (axes,) = new_figure(1, count, (5.6 * count, 5.4))
+    size = 5.6 * count, 5.4
+    with styled_figure(1, count, size, **{"axes.grid": False}) as (figure, (axes,)):
         colours = {"cmap": ListedColormap([COLOUR[k] for k in kinds]), "rasterized": True}
         axes[0].pcolormesh(*where, verdict, vmin=-0.5, vmax=len(kinds) - 0.5, **colours)
         axes[0].set_title(f"{plan.loop.label}: motion at the end")

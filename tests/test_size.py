@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1686, 1407),
     "controllers": (1207, 948),
     "fmus": (4974, 4446),
-    "orchestration": (9104, 7999),
-    "stability": (2779, 2276),
+    "orchestration": (9100, 7994),
+    "stability": (2769, 2266),
     "ballscrew": (3500, 2894),
-    "gallery": (2730, 2356),
+    "gallery": (2728, 2354),
     "measurement": (10557, 9233),
     "proofs": (6898, 6297),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21937, 20938),
+    "tests": (21935, 20936),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -127,18 +127,24 @@ def new_figure(
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
-    """Figures of the signals over time and of the phase plane, by name."""
+@contextmanager
+def styled_figure(*shape: Any, **style: Any) -> Iterator[tuple[Any, Any]]:
+    """As `new_figure`, to draw in the common style."""
     import matplotlib as mpl
 
+    with mpl.rc_context(STYLE | style):
+        yield new_figure(*shape)
+
+
+def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
+    """Figures of the signals over time and of the phase plane, by name."""
     run, figures = result.run, {}
     coupled = f"{result.loop.label}, {run.coupled_by} coupling: {run.verdict.word}"
     title = result.loop.label if run.alone else coupled
-    with mpl.rc_context(STYLE):
-        if run.outputs or run.commands:
-            figures["signals"] = _signals(run, title)
-        if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            figures["phase"], ((axes,),) = new_figure(1, 1, (6.5, 5.2), None)
+    if run.outputs or run.commands:
+        figures["signals"] = _signals(run, title)
+    if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
+        with styled_figure(1, 1, (6.5, 5.2), None) as (figures["phase"], ((axes,),)):
             axes.set_title(title)
             _draw_phase(axes, run)
     return figures
@@ -150,20 +156,21 @@ def _signals(run: LoopRun, title: str) -> Any:
     is_axis = any(name in _CALLED for name in run.outputs)
     names = [n for n in _CALLED if n in known] if is_axis else list(known)
     height = 1.9 * len(names) + 1.0
-    figure, grid = new_figure(len(names), 1, (8, height), None)
-    figure.subplots_adjust(top=1 - 0.4 / height, bottom=0.6 / height)
-    for k, (axes, name) in enumerate(zip(grid.flat, names, strict=True)):
-        called, factor, unit = _shown(name, run)
-        _draw(axes, run, known[name] * factor, end, color=COLOURS[k % len(COLOURS)], label=called)
-        axes.set_xlabel(_time_label(end, run.time[-1]))
-        axes.set_ylabel(labelled(called, unit))
-        axes.margins(x=0.01)
-        axes.label_outer()
-        if name == "x" and not run.alone:
-            _draw_set_point(axes, run, factor, end)
-            axes.legend(loc="best")
-    grid[0][0].set_title(title)
-    figure.align_ylabels()
+    with styled_figure(len(names), 1, (8, height), None) as (figure, grid):
+        figure.subplots_adjust(top=1 - 0.4 / height, bottom=0.6 / height)
+        for k, (axes, name) in enumerate(zip(grid.flat, names, strict=True)):
+            called, factor, unit = _shown(name, run)
+            style = {"color": COLOURS[k % len(COLOURS)], "label": called}
+            _draw(axes, run, known[name] * factor, end, **style)
+            axes.set_xlabel(_time_label(end, run.time[-1]))
+            axes.set_ylabel(labelled(called, unit))
+            axes.margins(x=0.01)
+            axes.label_outer()
+            if name == "x" and not run.alone:
+                _draw_set_point(axes, run, factor, end)
+                axes.legend(loc="best")
+        grid[0][0].set_title(title)
+        figure.align_ylabels()
     return figure
 
 
@@ -207,10 +214,7 @@ def _draw_phase(axes: Any, run: LoopRun) -> None:
 
 def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
     """A figure of several controllers on the same plant."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        figure, grid = new_figure(3, 1, (9, 9))
+    with styled_figure(3, 1, (9, 9)) as (figure, grid):
         position, fine, voltage = grid[:, 0]
         runs = [result.run for result in results]
         (x, of_x, unit_of_x), (u, of_u, unit_of_u) = _shown("x", *runs), _shown("u", *runs)

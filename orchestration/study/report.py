@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..loop.pictures import COLOURS, DASHES, STYLE, new_figure
+from ..loop.pictures import COLOURS, DASHES, styled_figure
 from ..loop.shown import Table, length, shown_unit
 from .result import ALIKE, StudyResult
 from .run import JUDGED_BY, MEASURED, UNITS
@@ -123,11 +123,8 @@ def _legend_below(figure: Any, axes: Any) -> None:
 
 def courses_figure(study: StudyResult) -> Any:
     """Position error and command of each controller with its best tuning on the nominal plant."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        count = len(study.courses)
-        figure, panels = new_figure(count, 2, (10, 2.8 * count + 0.8))
+    count = len(study.courses)
+    with styled_figure(count, 2, (10, 2.8 * count + 0.8)) as (figure, panels):
         for (errors, commands), (duty, courses) in zip(panels, study.courses.items(), strict=True):
             peaks = {n: max(map(abs, c.error)) for n, c in courses.items() if c.time}
             usual = statistics.median(peaks.values() or [0.0])
@@ -151,14 +148,13 @@ def courses_figure(study: StudyResult) -> Any:
 
 def effort_figure(study: StudyResult) -> Any:
     """Error [um] against total variation of the command, both on logarithmic axes."""
-    import matplotlib as mpl
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
     duties = list(study.differences)
     columns = min(3, len(duties))
     rows = -(-len(duties) // columns)
-    with mpl.rc_context(STYLE):
-        figure, axes = new_figure(rows, columns, (4.2 * columns, 3.4 * rows + 0.8))
+    size = 4.2 * columns, 3.4 * rows + 0.8
+    with styled_figure(rows, columns, size) as (figure, axes):
         for panel in axes.flat[len(duties) :]:
             panel.set_axis_off()
         for panel, duty in zip(axes.flat, duties, strict=False):
@@ -182,11 +178,8 @@ def effort_figure(study: StudyResult) -> Any:
 
 def motions_figure(tuned: TunedController) -> Any:
     """Position, error and command of each motion, one column each."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        count = len(tuned.motions)
-        figure, axes = new_figure(3, count, (4.2 * count, 7.5))
+    count = len(tuned.motions)
+    with styled_figure(3, count, (4.2 * count, 7.5)) as (figure, axes):
         for (position, error, command), motion in zip(axes.T, tuned.motions, strict=True):
             course = motion.course
             shown = len(course.position)  # none of a run that failed
@@ -210,10 +203,7 @@ def motions_figure(tuned: TunedController) -> Any:
 
 def bode_figure(tuned: TunedController) -> Any:
     """Gain and phase of the open loop, and the sensitivity, stuck and sliding."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        figure, ((gain,), (phase,), (sensitivity,)) = new_figure(3, 1, (8, 9))
+    with styled_figure(3, 1, (8, 9)) as (figure, ((gain,), (phase,), (sensitivity,))):
         for k, m in enumerate(tuned.margins):
             name = f"sliding at {m.speed:g} m/s" if m.speed else "stuck"
             style: dict[str, Any] = {"color": COLOURS[k], "ls": DASHES[k], "label": name}
