@@ -123,16 +123,13 @@ def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> 
 
 def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Kernel:
     """The compiled part; with a `plant` its whole loop, with `tangents` no ports of a law."""
-    name, modules = kept_as(part)
-    made_by = _EXPORT
+    (name, modules), by = kept_as(part), _EXPORT
     if tangents:
-        name, made_by = f"{name}_variational_{tangents}", _VARIATIONAL
+        name, by = f"{name}_variational_{tangents}", _VARIATIONAL
     elif plant:
         of, others = kept_as(plant)
-        name, modules, made_by = f"loop_{of}_{name}", (*others, *modules), _CONNECT
-    return stored_kernel(
-        f"fmu_{name}", lambda: fmu_component(part, plant, tangents), *modules, made_by
-    )
+        name, modules, by = f"loop_{of}_{name}", (*others, *modules), _CONNECT
+    return stored_kernel(f"fmu_{name}", lambda: fmu_component(part, plant, tangents), *modules, by)
 
 
 def partials_kernel(part: str) -> Kernel:
@@ -143,15 +140,13 @@ def partials_kernel(part: str) -> Kernel:
         from ...solver.component import State
         from ...solver.for_tangents import dithered_average
 
-        made = dithered_average(component(part))
-        if (period := made.sample_time) is None:
-            return partials(made)
-        after = (
-            State(d.name, d.unit, d.meaning, d.update, d.start, d.nominal) for d in made.discrete
-        )
-        states, known = (*made.states, *after), (*made.parameters, period)
-        made = replace(made, states=states, discrete=(), sample_time=None, parameters=known)
-        return partials(made)
+        own = dithered_average(component(part))
+        if (period := own.sample_time) is None:
+            return partials(own)
+        new = (State(d.name, d.unit, d.meaning, d.update, d.start, d.nominal) for d in own.discrete)
+        states, known = (*own.states, *new), (*own.parameters, period)
+        own = replace(own, states=states, discrete=(), sample_time=None, parameters=known)
+        return partials(own)
 
     name, modules = kept_as(part)
     return stored_kernel(f"linear_{name}", make, __name__, *modules)
@@ -232,7 +227,6 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
 
     law = component(controller)
     whole = connect(component(plant), law)
-    inputs = tuple(
-        replace(i, start=START_VALUE) if i.role == "reference" else i for i in whole.inputs
-    )
+    goal = {"reference": START_VALUE}
+    inputs = tuple(replace(i, start=goal.get(i.role, i.start)) for i in whole.inputs)
     return replace(whole, name=f"{law.name}_loop", inputs=inputs)

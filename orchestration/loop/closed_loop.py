@@ -34,7 +34,7 @@ COLUMNS = (
 ).split()
 
 
-def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -> ClosedLoopResult:
+def run_closed_loop(loop: Loop | SystemLoop, progress: Progress = None) -> ClosedLoopResult:
     """Run a closed loop, with a verdict on its coupling."""
     if isinstance(loop, Loop):
         if not loop.fmus:
@@ -43,8 +43,11 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
         loop = as_it_answers(loop)
     with joined(loop) as both:
         run, choice, notes = both.run(progress)
-        if kept := {name: fmu.kept for name, fmu in both.fmus.items() if fmu.kept}:
-            loop = loop.with_kept(kept)  # what the results name is what the FMUs have
+        # what the results name is what the FMUs have
+        mark = "_" if isinstance(loop, Loop) else "."  # after a name of an FMU in `values`
+        kept = {f"{e}{mark}{n}": v for e, fmu in both.fmus.items() for n, v in fmu.kept.items()}
+    if kept:
+        loop = loop.with_values({**loop.values, **kept})
     digital = isinstance(loop, SystemLoop) or loop.controller.has_equations or run.sampling_period
     if not run.verdict.trusted and not digital:
         notes += (f"if {loop.label} is a digital controller, give its sampling period",)

@@ -69,6 +69,9 @@ def _numbers(what: str, given: SystemValues | None, texts: bool = False) -> dict
     }
 
 
+_numbers_or_texts = partial(_numbers, texts=True)
+
+
 def _set_point(_: str, given: ReferenceLike) -> Reference:
     return as_reference(given)
 
@@ -213,38 +216,29 @@ class Loop(HowCoupled):
         self.plant.check_values("plant", self.plant_values)
         self.controller.check_values("controller", self.controller_values)
 
-    def with_kept(self, kept: Mapping[str, Values]) -> Loop:
-        """The loop with the values that its FMUs, by their names, have in place of the given."""
-        plant, own = (kept.get(name, {}) for name in ("plant", "controller"))
-        values = {**self.plant_values, **plant}, {**self.controller_values, **own}
-        return replace(self, plant_values=values[0], controller_values=values[1])
+    def with_values(self, values: SystemValues) -> Loop:
+        """The loop with other values of both parts, by the names in `values`."""
+        plant, own = (of_side(side, values) for side in (PLANT, CONTROLLER))
+        return replace(self, plant_values=plant, controller_values=own)
 
     def parameters(self) -> ParameterFile:
         """All parameters used, as a file that the next command can read; see `list_used`."""
         file, plant, controller = self.file or ParameterFile(), self.plant, self.controller
         known = plant.settable(self.plant_values)
         found = list_used(known, self.plant_values, {**file.plant, **file.found})
-        of_controller = list_used(
-            controller.settable(self.controller_values),
-            self.controller_values,
-            file.controllers.get(table_of(file, controller), {}),
-        )
+        theirs = file.controllers.get(table_of(file, controller), {})
+        settable = controller.settable(self.controller_values)
+        of_controller = list_used(settable, self.controller_values, theirs)
         (kind, law), command, own = (FMU, ""), file.command, {*known}
         if plant.named.plain in DESCRIBED:
             (kind, law), command = DESCRIBED[plant.named.plain], "+".join(plant.named.units)
         elif self.file is not None and set(file.plant) <= own:
             kind, law, own = file.kind, file.law, {*file.plant}
             own |= set() if kind == FMU else {*Part(file.plant_name).parameters}
-        return ParameterFile(
-            kind=kind,
-            command=command,
-            law=law,
-            plant={n: v for n, v in found.items() if n in own},
-            found={n: v for n, v in found.items() if n not in own},
-            controllers={**file.controllers, controller.label: of_controller},
-            rig=file.rig,
-            turns=file.turns,
-        )
+        of_plant = {n: found.pop(n) for n in [*found] if n in own}
+        controllers = {**file.controllers, controller.label: of_controller}
+        made = ParameterFile(None, kind, law, of_plant, found, controllers, file.rig)
+        return replace(made, command=command, turns=file.turns)
 
 
 @dataclass(frozen=True)
@@ -272,9 +266,7 @@ class SystemLoop(HowCoupled):
         _optional(_set_point), None
     )
     stop: Resolved[float | None, float | None] = Resolved(_optional(limits.check_length), None)
-    values: Resolved[SystemValues | None, SystemValues] = Resolved(
-        partial(_numbers, texts=True), None
-    )
+    values: Resolved[SystemValues | None, SystemValues] = Resolved(_numbers_or_texts, None)
 
     def __post_init__(self) -> None:
         self._check_step(self.stop)
@@ -287,10 +279,14 @@ class SystemLoop(HowCoupled):
         """Its name in tables and pictures."""
         return readable(Path(self.system).stem)
 
-    def with_kept(self, kept: Mapping[str, Values]) -> SystemLoop:
-        """The loop with the values that its FMUs, by their names, have in place of the given."""
-        found = {f"{e}.{n}": v for e, values in kept.items() for n, v in values.items()}
-        return replace(self, values={**self.values, **found})
+    def with_values(self, values: SystemValues) -> SystemLoop:
+        """The loop with other values of its elements."""
+        return replace(self, values=values)
+
+
+def of_side(side: str, named: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of a loop's values or parameters that belong to one part, by its own names."""
+    return {n.removeprefix(side): v for n, v in named.items() if n.startswith(side)}
 
 
 def table_of(file: ParameterFile, controller: Part) -> str:
@@ -343,14 +339,9 @@ def with_file(loop: Loop, file: ParameterFile, chosen: bool) -> Loop:
     own, name = loop.plant_values, loop.controller.name
     asked = loop.plant.name if chosen else None
     plant, values, values_of, notes = file_values(file, asked, [name], own)
-    return replace(
-        loop,
-        plant=Part(plant),
-        plant_values={**values, **own},
-        controller_values={**values_of[name], **loop.controller_values},
-        file=file,
-        notes=(*loop.notes, *notes),
-    )
+    of_controller = {**values_of[name], **loop.controller_values}
+    loop = replace(loop, controller_values=of_controller, notes=(*loop.notes, *notes))
+    return replace(loop, plant=Part(plant), plant_values={**values, **own}, file=file)
 
 
 def for_plant(file: ParameterFile, plant: str, given: Collection[str] = ()) -> dict[str, float]:

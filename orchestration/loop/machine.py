@@ -27,6 +27,9 @@ from ...solver.errors import BadParameter
 from ...solver.kernel import Model
 from .parts import Part, resolve
 
+Values = Mapping[str, float]
+Ranges = dict[str, tuple[float, float]]
+
 FASTEST, HALVINGS = 0.2, 12  # m/s, of the reference motions; until the limit allows it
 FOR_SPEED, FOR_ACCELERATION = 0.5, 0.3  # shares of the limit
 RISE, JERK_TIME, CRUISE = 0.05, 0.02, 0.4  # s
@@ -41,11 +44,7 @@ STICTION = 100.0  # times the inverse of its sharpness: there a smooth sign is 1
 
 
 def linearized(
-    part: Part,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    values: Mapping[str, float],
-    at: Mapping[str, float],
+    part: Part, inputs: Sequence[str], outputs: Sequence[str], values: Values, at: Values
 ) -> Linear:
     """The equations of a part about a state, sliding forward; `at` has what is not at its start."""
     kernel = part.partials
@@ -70,20 +69,18 @@ class Machine:
     """A plant with values, and its largest command."""
 
     plant: Part
-    values: Mapping[str, float]
+    values: Values
     limit: float  # largest magnitude of the command [its unit]
 
     @classmethod
-    def of(cls, plant: Part, values: Mapping[str, float], asked: float | None) -> Machine:
+    def of(cls, plant: Part, values: Values, asked: float | None) -> Machine:
         """A plant with values and its limit, see `limit_of`; `BadParameter` if it has none."""
         limit = limit_of(plant.parameters, values, asked)
         if not limit > 0:
             raise BadParameter(f"limit is {limit:g}, expected more than 0")
         if limit >= UNLIMITED:
-            raise BadParameter(
-                f"{plant.label} has no limit of its command; give one, in the command's unit, "
-                f"or {LIMIT} in the parameter file"
-            )
+            wanted = f"give one, in the command's unit, or {LIMIT} in the parameter file"
+            raise BadParameter(f"{plant.label} has no limit of its command; {wanted}")
         return cls(plant, {**values, LIMIT: limit}, limit)
 
     @cached_property
@@ -92,7 +89,7 @@ class Machine:
         law = next((i.law for i in self.plant.kernel.inputs if i.name == "u"), ())
         return tuple(n for n in law if n in self.plant.outputs)
 
-    def linear(self, outputs: Sequence[str], at: Mapping[str, float]) -> Linear:
+    def linear(self, outputs: Sequence[str], at: Values) -> Linear:
         """Equations from the command to outputs about a state: sliding forward, or stuck."""
         return linearized(self.plant, ("u",), outputs, self.values, at)
 
@@ -138,10 +135,8 @@ class Machine:
             needed = abs(self.sliding(speed)["u"])
             if needed <= FOR_SPEED * self.limit:
                 return float(speed)
-        raise BadParameter(
-            f"the limit of the command is {self.limit:g}, but friction alone needs {needed:.3g} at "
-            f"{speed:.2g} m/s; expected a limit of at least twice this"
-        )
+        alone = f"friction alone needs {needed:.3g} at {speed:.2g} m/s; expected twice this or more"
+        raise BadParameter(f"the limit of the command is {self.limit:g}, but {alone}")
 
     def command_per_metre(self, frequency: float) -> complex:
         """One over the response from command to position in sliding, at a frequency [rad/s]."""
@@ -187,7 +182,7 @@ class Machine:
         return step, there, judge
 
 
-def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
+def own_ranges(controller: str) -> Ranges:
     """Ranges of a controller's gains: those of its law, else of its parameters with two limits."""
     if PartName.of(controller).bare in CONTROLLERS:
         return tunable(controller)
@@ -199,18 +194,10 @@ def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
     }
 
 
-def gains_of(controller: Part) -> dict[str, tuple[float, float]]:
-    """As `own_ranges`, without those of a feed-forward."""
-    law = controller.bare
-    return own_ranges(law if law in CONTROLLERS else controller.name)
-
-
-def gain_ranges(
-    controller: Part, machine: Machine
-) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+def gain_ranges(controller: Part, machine: Machine) -> tuple[Ranges, dict[str, float]]:
     """Ranges of a controller's gains for a machine, and gains for a modest bandwidth."""
     if controller.bare not in CONTROLLERS:  # of the user, in the user's units
-        ranges, given = gains_of(controller), controller.parameters
+        ranges, given = own_ranges(controller.name), controller.parameters
         middle = {n: sum(r) / 2 for n, r in ranges.items()}
         start = {n: np.nan_to_num(given[n].default, nan=middle[n]) for n in ranges}
         return ranges, {n: float(np.clip(start[n], *r)) for n, r in ranges.items()}
@@ -223,10 +210,8 @@ def gain_ranges(
         volts, amperes = powers.get("kg", 0), powers.get("A", 0)
         metres = powers.get("m", 0) - 2 * volts
         if volts and amperes == -volts and metres == -volts:
-            slow, fast = (
-                abs(machine.command_per_metre(w) / nominal.command_per_metre(w)) ** volts
-                for w in (SLOW, FAST)
-            )
+            both = ((m.command_per_metre(w) for m in (machine, nominal)) for w in (SLOW, FAST))
+            slow, fast = (abs(own / usual) ** volts for own, usual in both)
             seconds = powers.get("s", 0) + 3 * volts
             modest = abs(machine.command_per_metre(START)) ** volts * START**-seconds
             start[name] = modest * WEIGHTS.get(seconds, 1.0)
@@ -251,10 +236,8 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
 
     motor = [p.name for p in PARAMETERS if p.name in known and p.name not in own]
     if motor:
-        raise BadParameter(
-            f"{controller.label} is designed for an axis with a motor, but {machine.plant.label} "
-            f"has no {', '.join(motor)}"
-        )
+        lacks = f"{machine.plant.label} has no {', '.join(motor)}"
+        raise BadParameter(f"{controller.label} is designed for an axis with a motor, but {lacks}")
     of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}
     gains = tunable(controller.bare)
     found = {"u_max": machine.limit} | of_plant | {f"{n}_hat": v for n, v in of_plant.items()}

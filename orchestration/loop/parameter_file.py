@@ -35,8 +35,7 @@ KINDS = (BALL_SCREW, DRIVE, ROTARY, FMU)
 COMMANDS = ("voltage", "current", "force")
 COMMANDS_OF = {DRIVE: (*COMMANDS, "torque"), ROTARY: ("voltage", "current", "torque")}
 """Kinds of command of a drive, by its kind; others have a fixed one."""
-TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"
-"""Note for the use of `ParameterFile.sliding`."""
+TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"  # of `sliding`
 
 
 @dataclass(frozen=True)
@@ -87,10 +86,8 @@ class ParameterFile:
     def plant_name(self) -> str:
         """The plant of the catalogue that the file describes; else raises `BadParameters`."""
         if self.kind not in NOMINAL:
-            raise BadParameters(
-                f"{self.path}: kind is {self.kind!r}, which is not a plant of the "
-                "catalogue; give the plant of these values"
-            )
+            said = "no plant of the catalogue; give the plant of these values"
+            raise BadParameters(f"{self.path}: kind is {self.kind!r}, {said}")
         return plant_of(self.law or DEFAULT_LAW, self.kind, self.command or COMMANDS[0])
 
     @property
@@ -224,10 +221,8 @@ def check_values(values: Values, known: Known, where: str) -> dict[str, float]:
         if v.unit and p.unit and not _same(v.unit, p.unit):
             raise BadParameters(f"{where} {name} has the unit {v.unit!r}, expected {p.unit!r}")
         if not p.minimum <= v.value <= p.maximum:
-            raise BadParameters(
-                f"{where} {name} is {v.value:g} {p.unit}, expected {p.minimum:g} to "
-                f"{p.maximum:g} ({p.meaning})"
-            )
+            limits = f"{p.minimum:g} to {p.maximum:g} ({p.meaning})"
+            raise BadParameters(f"{where} {name} is {v.value:g} {p.unit}, expected {limits}")
     return {name: v.value for name, v in values.items()}
 
 
@@ -260,6 +255,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
 
 
 Reader: TypeAlias = Callable[[str, Any], Any]  # reads a value; the text is its place, for messages
+Readers: TypeAlias = Mapping[str, Reader]  # by keys of a table
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -298,37 +294,33 @@ def as_choice(where: str, given: Any, names: Iterable[str]) -> str:
     return str(given)
 
 
-def is_number(value: Any) -> bool:
-    """Whether it is a finite number; an integer may have more digits than a float can hold."""
-    plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return plain and abs(value) <= sys.float_info.max
-
-
 def as_finite(where: str, given: Any) -> float:
-    """A finite number."""
-    if not is_number(given):
+    """A finite number; an integer may have more digits than a float can hold."""
+    plain = isinstance(given, int | float) and not isinstance(given, bool)
+    if not (plain and abs(given) <= sys.float_info.max):
         shown = "a number beyond 1e308" if type(given) is int else f"{given!r:.80}"
         raise BadParameters(f"{where} is {shown}, expected a finite number in SI units")
     return float(given)
 
 
-def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
+def as_range(where: str, given: Any) -> tuple[float, float]:
     """Two finite numbers, the lower one first."""
-    pair = given if isinstance(given, list | tuple) else []
-    if len(pair) != 2 or not all(map(is_number, pair)) or not pair[0] < pair[1]:
+    low, high = _ends(where, given)
+    if not -math.inf < low < high < math.inf:
         said = "expected two finite numbers, the lower one first"
-        raise BadParameters(f"{where}: {name} is {given!r:.80}, {said}")
-    return float(pair[0]), float(pair[1])
+        raise BadParameters(f"{where} is {given!r:.80}, {said}")
+    return low, high
 
 
-def as_whole(least: int, most: int) -> Reader:
-    """The reader of a whole number within limits."""
+def within(least: float, most: float = math.inf, whole: bool = False) -> Reader:
+    """The reader of a number within limits."""
+    expected = f"a whole number, {least} to {most}" if whole else f"{least:g} or more"
 
-    def read(where: str, given: Any) -> int:
+    def read(where: str, given: Any) -> float:
         number = as_finite(where, given)
-        if number != int(number) or not least <= number <= most:
-            raise BadParameters(f"{where} is {given!r}, expected a whole number, {least} to {most}")
-        return int(given)
+        if not least <= number <= most or (whole and number != int(number)):
+            raise BadParameters(f"{where} is {given!r}, expected {expected}")
+        return int(given) if whole else number
 
     return read
 
@@ -342,9 +334,7 @@ def check_names(where: str, given: Iterable[str], known: Iterable[str]) -> None:
             raise BadParameters(f"{where} there is no {name!r}{hint}".lstrip())
 
 
-def as_record(
-    where: str, given: Any, readers: Mapping[str, Reader], *required: str
-) -> dict[str, Any]:
+def as_record(where: str, given: Any, readers: Readers, *required: str) -> dict[str, Any]:
     """A table with known keys, each value read by its reader; `required` are there."""
     table = as_table(where, given)
     check_names(where, table, readers)
@@ -388,7 +378,7 @@ def _diagnosed(where: str, given: Any) -> Diagnosed:
     return Diagnosed(**as_record(where, given, _OF_DIAGNOSIS, *_OF_DIAGNOSIS))
 
 
-as_numbers = _table_of(as_finite, "{}: {}")
+as_numbers, as_ranges = (_table_of(read, "{}: {}") for read in (as_finite, as_range))
 _law = partial(as_choice, names=(*LAWS,))
 _values = _table_of(_value, "[{}] {}")
 _groups = _table_of(_values, "{}.{}")

@@ -106,15 +106,10 @@ class Part:
             return tuple(o.name for o in self.kernel.outputs)
         return tuple(self.description.names("output"))
 
-    @property
-    def command_unit(self) -> str:
-        """Unit of the input `u` of a plant with equations; empty without one."""
-        return next((i.unit for i in self.kernel.inputs if i.name == "u"), "")
-
-    def unit_of(self, output: str) -> str:
-        """Unit of an output; empty if it has none."""
-        known = self.kernel.outputs if self.has_equations else self.description.variables
-        return next((o.unit for o in known if o.name == output), "")
+    def unit_of(self, port: str) -> str:
+        """Unit of an output or an input; empty if it has none."""
+        ports: Any = (*self.kernel.outputs, *self.kernel.inputs) if self.has_equations else ()
+        return next((p.unit for p in ports or self.description.variables if p.name == port), "")
 
     @cached_property
     def parameters(self) -> Mapping[str, Parameter]:
@@ -146,7 +141,7 @@ class Part:
         known = self.settable(values)
         check_names(side, values, known)
         for name, value in values.items():
-            _check_range(side, name, value, known[name])
+            check_range(side, name, value, known[name])
 
     def __getstate__(self) -> dict[str, Any]:
         # another process may lack the file of a component, or find it edited
@@ -193,10 +188,8 @@ def resolve(
         said = f"no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, and before them "
         raise BadParameter(f"{role} {name!r}: {said}{FEED_FORWARD}, then {SAMPLED}, once")
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
-    raise BadParameter(
-        f"{role} {name!r} is neither one of {', '.join(known)} nor {files}"
-        f"{did_you_mean(name, known)}"
-    )
+    hint = did_you_mean(name, known)
+    raise BadParameter(f"{role} {name!r} is neither one of {', '.join(known)} nor {files}{hint}")
 
 
 def check_names(side: str, names: Collection[str], known: Collection[str]) -> None:
@@ -240,11 +233,12 @@ def _as_taken(side: str, described: Description, name: str, value: Value) -> Val
     if items and number not in items.values():
         allowed = ", ".join(f"{n} ({v})" for n, v in items.items())
         raise BadParameter(f"{side}.{name} is {number:g}, expected one of {allowed}")
-    _check_range(side, name, number, variable)
+    check_range(side, name, number, variable)
     return number
 
 
-def _check_range(side: str, name: str, value: float, known: Parameter | NumberVariable) -> None:
+def check_range(side: str, name: str, value: float, known: Parameter | NumberVariable) -> None:
+    """Raise `BadParameter` if a value is out of its range."""
     low, high = known.minimum, known.maximum
     if not low <= value <= high:
         shown = f"{value:g}" if known.unit in ("", "1") else f"{value:g} {known.unit}"
@@ -263,10 +257,8 @@ def in_practice(
     `noise` or a controller for which this is not possible, `UnknownName`.
     """
     if not controller.has_equations and noise:
-        raise ContractError(
-            f"{controller} is an FMU without equations; it cannot get instruments here; "
-            "expected a name or FILE.py:FUNCTION"
-        )
+        said = "is an FMU without equations; it cannot get instruments here"
+        raise ContractError(f"{controller} {said}; expected a name or FILE.py:FUNCTION")
     if (sampled is None and not noise) or not controller.has_equations:
         return controller, {}, ()
     named = controller.named

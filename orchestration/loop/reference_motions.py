@@ -92,11 +92,8 @@ def _of_jerks(legs: list[tuple[list[tuple[float, float]], float]]) -> Reference:
             times.append(now)
             curve.append([x, v, a / 2, jerk / 6])
             now += length
-            state = (
-                x + v * length + a * length**2 / 2 + jerk * length**3 / 6,
-                v + a * length + jerk * length**2 / 2,
-                a + jerk * length,
-            )
+            place = x + v * length + a * length**2 / 2 + jerk * length**3 / 6
+            state = place, v + a * length + jerk * length**2 / 2, a + jerk * length
         state = end, 0.0, 0.0
     return Reference.of_pieces([*times, now], [*curve, [*state, 0.0]])
 

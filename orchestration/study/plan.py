@@ -39,24 +39,14 @@ def _numbers(where: str, given: Any) -> tuple[float, ...]:
     return tuple(toml.as_finite(where, v) for v in toml.as_list(where, given))
 
 
-def _at_least(least: float) -> toml.Reader:
-    def read(where: str, given: Any) -> float:
-        if not (value := toml.as_finite(where, given)) >= least:
-            raise BadParameters(f"{where} is {value:g}, expected {least:g} or more")
-        return value
-
-    return read
-
-
 _LIMITS = partial(toml.as_record, readers=dict.fromkeys(NAMES, toml.as_finite))
 # a value of a study file, and what reads it
 Text: TypeAlias = Annotated[str, toml.as_text]
 Texts: TypeAlias = Annotated[tuple[str, ...], toml.as_texts]
 Numbers: TypeAlias = Annotated[Mapping[str, float], toml.as_numbers]
-Positive: TypeAlias = Annotated[float, _at_least(1e-9)]
 Limits: TypeAlias = Annotated[Mapping[str, float], _LIMITS]
-Count: TypeAlias = Annotated[int, toml.as_whole(0, MOST)]
-CountFrom1: TypeAlias = Annotated[int, toml.as_whole(1, MOST)]
+Count: TypeAlias = Annotated[int, toml.within(0, MOST, True)]
+CountFrom1: TypeAlias = Annotated[int, toml.within(1, MOST, True)]
 
 
 def _readers(kind: type) -> dict[str, toml.Reader]:
@@ -111,7 +101,7 @@ class Duty:
 
     name: Text
     reference: Text  # a motion, see `as_reference`, or the path of a table
-    stop: Positive  # [s]
+    stop: Annotated[float, toml.within(1e-9)]  # [s]
     # whether controllers are tuned on it; they are judged on the others
     tune: Annotated[bool, toml.as_flag] = False
     # parameters of the plant with other values than default at this duty, such as a load
@@ -135,7 +125,7 @@ class Entrant:
     # with other values than default: fixed parameters, and the start of tuned ones
     values: Numbers = field(default_factory=dict)
     # of the parameters that are tuned
-    tune: Annotated[Ranges, toml.as_table] = field(default_factory=dict)
+    tune: Annotated[Ranges, toml.as_ranges] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -158,22 +148,22 @@ class Plan:
     variations: tuple[Variation, ...] = ()
     tuning: Tuning = field(default_factory=Tuning)
     # drawn plants on which the tuned controllers are judged
-    plants: Annotated[int, toml.as_whole(2, MOST)] = 20
+    plants: Annotated[int, toml.within(2, MOST, True)] = 20
     # of the sampling of all controllers [s]; 0: continuous ones
-    period: Annotated[float, _at_least(0.0)] = 1e-3
+    period: Annotated[float, toml.within(0.0)] = 1e-3
     delay: Count = 0  # samples until a computed command is put out
     instruments: Texts = ()  # see `measured_through`
     # in the command's unit; None: see `limit_of` of `machine`
-    command_limit: Annotated[float | None, _at_least(1e-9)] = None
+    command_limit: Annotated[float | None, toml.within(1e-9)] = None
     # of the position sensor, for figures in counts [m]
-    count: Annotated[float, _at_least(1e-15)] = 1 / 512_000
-    tolerance: Annotated[float, _at_least(1e-12)] = 1e-6  # relative, of the solver
-    seed: Annotated[int, toml.as_whole(0, MOST_SEED)] = 1
+    count: Annotated[float, toml.within(1e-15)] = 1 / 512_000
+    tolerance: Annotated[float, toml.within(1e-12)] = 1e-6  # relative, of the solver
+    seed: Annotated[int, toml.within(0, MOST_SEED, True)] = 1
 
     @property
     def command_unit(self) -> str:
         """Unit of the plant's command, such as ``V``."""
-        return Part(self.plant).command_unit
+        return Part(self.plant).unit_of("u")
 
     @property
     def tuning_duties(self) -> tuple[Duty, ...]:
@@ -244,8 +234,7 @@ def _entrant(
         known = {**model_values(loop.controller, driven), **start}
     else:
         own = own_ranges(component)
-    ranges = read.get("tune", {n: r for n, r in own.items() if n not in values})
-    tune = {n: toml.as_range(where, n, r) for n, r in ranges.items()}
+    tune = read.get("tune", {n: r for n, r in own.items() if n not in values})
     return Entrant(name, component, {**known, **values}, tune)
 
 

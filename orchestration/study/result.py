@@ -17,8 +17,7 @@ from .plan import Plan
 from .run import JUDGED_BY, MEASURED, NAMES, SIZES, TRUSTED, FmuCheck, hunting_verdict
 from .tuning import Tuned
 
-Place: TypeAlias = tuple[int, ...]
-"""Numbers of the controller, the tuning, the duty and the plant of a run."""
+Place: TypeAlias = tuple[int, ...]  # numbers of controller, tuning, duty and plant of a run
 
 LEVEL = 0.90  # at most one study in ten calls equal controllers different
 RELEVANT = 0.02  # smallest relevant difference of two figures: their ratio minus 1

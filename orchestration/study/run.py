@@ -25,8 +25,7 @@ from ..loop.system import joined
 from ..loop.whole_loop import follow
 from ..master.reference_signal import Reference
 
-Values: TypeAlias = Mapping[str, float]
-"""Parameters that differ from their defaults, with the prefixes of a loop's parts."""
+Values: TypeAlias = Mapping[str, float]  # not default ones, with the prefixes of a loop's parts
 Motion: TypeAlias = tuple[Reference, float]  # a set-point over time, and the length of its run [s]
 
 STEP = 1e-3  # s, of the grid of a loop that is not sampled
@@ -112,8 +111,7 @@ class FmuLoop:
         reference, stop = motion
         step = self.loop.sampled or (STEP if tolerance >= TOLERANCE else 0.5 * STEP)
         time = _grid(stop, step)
-        plant, own = (of_side(side, values) for side in (PLANT, CONTROLLER))
-        loop = replace(self.loop, plant_values=plant, controller_values=own)
+        loop = self.loop.with_values(values)
         loop = replace(loop, reference=reference, stop=float(time[-1]))
         signals = {}
         try:
@@ -135,13 +133,7 @@ def _grid(stop: float, step: float) -> Vector:
     return np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
 
 
-def of_side(side: str, values: Values) -> dict[str, float]:
-    """The values of one part of a loop, by the part's own names."""
-    return {n.removeprefix(side): v for n, v in values.items() if n.startswith(side)}
-
-
-MICRON = 1e-6
-COUNTS = 10
+MICRON, COUNTS = 1e-6, 10  # bands of settling [m], [counts]
 AFTER_REVERSAL = 0.05  # s, time after a reversal of the set-point for the reversal error
 AT_REST = 0.25  # last share of the rest after a motion, which is checked for hunting
 CYCLES = 2  # fewest cycles in it that are called hunting
@@ -175,10 +167,9 @@ NAMES = Figures._fields
 UNITS = dict(zip(NAMES, "m m s s s m m J V 1 A V m s 1 m 1".split(), strict=True))
 JUDGED_BY = "rms_error"
 MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # without verdicts
-SIZES = (
-    *(JUDGED_BY, "peak_error", "reversal_error", "energy", "total_variation"),
-    *("peak_current", "peak_command"),
-)  # figures that are positive, except without any motion, and that plants change by factors
+# figures that are positive, except without any motion, and that plants change by factors
+SIZES = [JUDGED_BY, "peak_error", "reversal_error", "energy", "total_variation"]
+SIZES += ["peak_current", "peak_command"]
 
 
 def hunting_verdict(hunting: float) -> str:

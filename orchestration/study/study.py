@@ -15,16 +15,15 @@ import numpy as np
 
 from ...solver.arrays import Matrix
 from ...solver.errors import UserError
-from ...solver.kernel import CONTROLLER, PLANT
 from ..loop.catalogue import fmu
 from ..loop.loop import Loop
 from .plan import Duty, Plan
 from .result import Place, Shown, StudyResult, concluded
-from .run import NAMES, FmuCheck, StudyLoop, check_over_fmus, of_side
+from .run import NAMES, FmuCheck, StudyLoop, check_over_fmus
 from .tuning import Contender, Gains, Tuned, composed
 from .workers import KeptParts, Processes, Workers
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], None] | None
 Tunings = Mapping[str, list[Tuned]]
 Jobs = dict[Place, tuple[Any, ...]]  # arguments of each task of a stage
 
@@ -37,11 +36,7 @@ NOT_JUDGED = FIRST_JUDGED - 1  # a number whose noise no judged plant has
 
 
 def do_study(
-    plan: Plan,
-    folder: Path,
-    workers: Workers,
-    resume: bool = False,
-    progress: Progress | None = None,
+    plan: Plan, folder: Path, workers: Workers, resume: bool = False, progress: Progress = None
 ) -> StudyResult:
     """Do a study, or finish one.
 
@@ -50,10 +45,7 @@ def do_study(
     parameter does not exist, or the folder holds another study.
     """
     if sys.flags.optimize > 1:
-        raise UserError(
-            "the package cma, which is used for tuning, needs docstrings; remove "
-            "-OO, or set PYTHONOPTIMIZE to less than 2"
-        )
+        raise UserError("tuning needs docstrings, for cma; remove -OO, or PYTHONOPTIMIZE=2")
     work = Work.of(plan, folder / PARTS, workers, progress)
     work.parts.claim("study", resume)
     tunings = work.tunings()
@@ -75,12 +67,10 @@ class Work:
     contenders: Sequence[Contender]
     parts: KeptParts
     workers: Workers
-    progress: Progress | None = None
+    progress: Progress = None
 
     @classmethod
-    def of(
-        cls, plan: Plan, folder: Path, workers: Workers, progress: Progress | None = None
-    ) -> Work:
+    def of(cls, plan: Plan, folder: Path, workers: Workers, progress: Progress = None) -> Work:
         """The tasks of a plan, with their results in a folder; raises as `do_study` does."""
         contenders = [Contender.of(plan, entrant) for entrant in plan.entrants]
         contenders[0].check_plants()
@@ -95,13 +85,10 @@ class Work:
 
     def tunings(self) -> dict[str, list[Tuned]]:
         """Tunings of each controller, one for each seed."""
-        seeds = range(self.plan.tuning.seeds)
-        jobs: Jobs = {(k, s): (c, s) for k, c in enumerate(self.contenders) for s in seeds}
+        seeds, those = range(self.plan.tuning.seeds), self.contenders
+        jobs: Jobs = {(k, s): (c, s) for k, c in enumerate(those) for s in seeds}
         done = self._done("tuning", _tuned, jobs)
-        return {
-            c.entrant.name: [Tuned(**done[k, s]) for s in seeds]
-            for k, c in enumerate(self.contenders)
-        }
+        return {c.entrant.name: [Tuned(**done[k, s]) for s in seeds] for k, c in enumerate(those)}
 
     def figures(self, tunings: Tunings) -> dict[str, Matrix]:
         """Figures by name, shape (controllers, seeds, duties, plants)."""
@@ -126,26 +113,17 @@ class Work:
         random = np.random.default_rng([self.plan.seed, len(PARTS)])
         drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
         places = (tuple(map(int, np.unravel_index(number, self._shape))) for number in drawn)
-        own = (p for p in places if isinstance(self.contenders[p[0]].loop, StudyLoop))
-        jobs: Jobs = {place: self._check(place, tunings, figures) for place in own}
+        jobs: Jobs = {}
+        for k, seed, d, p in places:
+            c, duty = self.contenders[k], self.plan.judged_duties[d]
+            if isinstance(c.loop, StudyLoop):
+                table = {name: float(figure[k, seed, d, p]) for name, figure in figures.items()}
+                gains = tunings[c.entrant.name][seed].values
+                jobs[k, seed, d, p] = c, gains, duty, p, table
         # the FMUs are files
         here = self.workers if isinstance(self.workers, Processes) else Processes(1)
         done = replace(self, workers=here)._done("over-fmus", _checked, jobs)
         return {place: FmuCheck(**found) for place, found in done.items()}
-
-    def _check(
-        self, place: Place, tunings: Tunings, figures: Mapping[str, Matrix]
-    ) -> tuple[Any, ...]:
-        """The arguments of `check_over_fmus` for one run."""
-        (k, seed, d, p), plan = place, self.plan
-        c, duty = self.contenders[k], plan.judged_duties[d]
-        gains = tunings[c.entrant.name][seed].values
-        values = c.values(gains, duty, plan.draws("judge")[p], FIRST_JUDGED + p)
-        plant, own = (of_side(side, values) for side in (PLANT, CONTROLLER))
-        over = Loop(fmu(composed(plan, c.entrant)), fmu(plan.plant), isolate=False)
-        over = replace(over, plant_values=plant, controller_values=own)
-        table = {name: float(figure[place]) for name, figure in figures.items()}
-        return c.loop, over, duty.motion, plan.tolerance, table
 
     def courses(self, tunings: Tunings) -> dict[str, dict[str, Shown]]:
         """Each judged duty on the nominal plant, by every controller with its tuning of least cost.
@@ -185,12 +163,10 @@ def _tuned(contender: Contender, seed: int) -> dict[str, Any]:
     return asdict(contender.tuned(seed))
 
 
-def _judged(
-    contender: Contender, gains: Gains, duty: Duty, plants: Iterable[int]
-) -> list[list[float]]:
+def _judged(c: Contender, gains: Gains, duty: Duty, plants: Iterable[int]) -> list[list[float]]:
     """Figures on some of the plants, one row each."""
-    draws = contender.plan.draws("judge")
-    return [[*contender.run(gains, duty, draws[p], FIRST_JUDGED + p)[1]] for p in plants]
+    draws = c.plan.draws("judge")
+    return [[*c.run(gains, duty, draws[p], FIRST_JUDGED + p)[1]] for p in plants]
 
 
 def _shown(contender: Contender, gains: Gains, duty: Duty) -> Sequence[list[float]]:
@@ -203,5 +179,11 @@ def _shown(contender: Contender, gains: Gains, duty: Duty) -> Sequence[list[floa
     return [[float(f"{v:.5g}") for v in signal[every]] for signal in signals]
 
 
-def _checked(*task: Any) -> dict[str, Any]:
-    return asdict(check_over_fmus(*task))
+def _checked(
+    c: Contender, gains: Gains, duty: Duty, p: int, table: Mapping[str, float]
+) -> dict[str, Any]:
+    """A run on a drawn plant, repeated over FMUs."""
+    values = c.values(gains, duty, c.plan.draws("judge")[p], FIRST_JUDGED + p)
+    over = Loop(fmu(composed(c.plan, c.entrant)), fmu(c.plan.plant), isolate=False)
+    checked = c.loop, over.with_values(values), duty.motion, c.plan.tolerance, table
+    return asdict(check_over_fmus(*checked))

@@ -17,26 +17,19 @@ from typing import Any
 import numpy as np
 
 from ...controllers import CONTROLLERS, tunable
-from ...controllers.margins import (
-    Linear,
-    Margins,
-    is_stable,
-    margins_of,
-    open_loop,
-    response_of,
-)
+from ...controllers import margins as stability
 from ...fmus.units import base_exponents
 from ...solver.errors import BadParameter
 from ...solver.files import write_json
 from ...solver.kernel import CONTROLLER, Model
 from ..loop.catalogue import component
-from ..loop.loop import Loop
-from ..loop.machine import Machine, gain_ranges, gains_of, linearized, model_values
+from ..loop.loop import Loop, of_side
+from ..loop.machine import Machine, gain_ranges, linearized, model_values
 from ..loop.reference_motions import as_reference
 from ..loop.whole_loop import follow, loop_kernel
 from ..master.reference_signal import Reference
 from .plan import Duty, Entrant, Plan, Tuning
-from .run import STEP, Course, Figures, FmuLoop, StudyLoop, of_side
+from .run import STEP, Course, Figures, FmuLoop, StudyLoop
 from .tuning import OVER_LIMIT, Contender, Gains, Tuned, tune
 
 TIGHTER = 1e-8  # tolerance of the solver in another run, which should agree
@@ -85,7 +78,7 @@ class TunedController:
     tuned: Tuned
     gains: tuple[Gain, ...]
     motions: tuple[MotionRun, ...]  # the judging motion is the last
-    margins: tuple[Margins, ...]  # of the loop linearized stuck and sliding
+    margins: tuple[stability.Margins, ...]  # of the loop linearized stuck and sliding
     no_margins: tuple[str, ...]  # why margins are missing
 
     @property
@@ -179,16 +172,16 @@ def tune_loop(
     limit; `CouplingError`, `FmuError`, `ContractError` if the parts do not fit.
     """
     part = loop.controller
-    if not gains_of(part):
-        raise BadParameter(
-            f"{part} has no gains to tune: no parameter with a minimum and a maximum; "
-            f"controllers with gains are {', '.join(n for n in CONTROLLERS if tunable(n))}"
-        )
     if not loop.plant.has_equations:
         raise BadParameter(f"{loop.plant} has no equations; tuning needs a plant with equations")
     loop.check_values()
     machine = Machine.of(loop.plant, loop.plant_values, limit)
     ranges, modest = gain_ranges(part, machine)
+    if not ranges:
+        raise BadParameter(
+            f"{part} has no gains to tune: no parameter with a minimum and a maximum; "
+            f"controllers with gains are {', '.join(n for n in CONTROLLERS if tunable(n))}"
+        )
     known, given = part.parameters, loop.controller_values
     fixed = model_values(part, machine) | {n: v for n, v in given.items() if n not in ranges}
 
@@ -218,21 +211,16 @@ def tune_loop(
     tuned = tune(cost, start, ranges, budget, seed)
     best = every(tuned.values)
     judging, length = plan.duties[-1].motion
-    result = replace(loop, plant_values=dict(machine.values), controller_values={**given, **best})
+    result = replace(loop, reference=judging, stop=length, controller_values={**given, **best})
+    result = replace(result, plant_values=dict(machine.values))
     gains = []
     for n, value in tuned.values.items():
         low, high = ranges[n]
         near = "low" if value - low < high - value else "high"
         end = near if n in tuned.at_bound else ""
         gains.append(Gain(n, value, start[n], known[n].unit, low, high, end))
-    return TunedController(
-        replace(result, reference=judging, stop=length),
-        plan,
-        tuned,
-        tuple(gains),
-        tuple(_shown(contender, best, duty) for duty in plan.duties),
-        *linear.margins(best),
-    )
+    motions = tuple(_shown(contender, best, duty) for duty in plan.duties)
+    return TunedController(result, plan, tuned, tuple(gains), motions, *linear.margins(best))
 
 
 def _plan(loop: Loop, machine: Machine, reference: str | None, stop: float | None) -> Plan:
@@ -278,7 +266,7 @@ class _Linearized:
 
     def __init__(self, contender: Contender, loop: Loop, machine: Machine) -> None:
         self.contender, self.part, self.machine = contender, loop.controller, machine
-        self.states: list[tuple[str, float, Linear, dict[str, float]]] = []
+        self.states: list[tuple[str, float, stability.Linear, dict[str, float]]] = []
         self.missing = ""
         if not isinstance(contender.loop, StudyLoop):
             self.missing = "an FMU has no equations"
@@ -302,13 +290,13 @@ class _Linearized:
         paid = 0.0
         for _, _, plant, _ in self.states:
             loop = self._open(gains, plant, self.machine.stuck())
-            _, response = response_of(loop, SENSITIVITY_POINTS)
+            _, response = stability.response_of(loop, SENSITIVITY_POINTS)
             largest = float(np.abs(1 / (1 + response)).max())
             excess = OVER_LIMIT * max(0.0, largest / MOST_SENSITIVE - 1)
-            paid += min(1.0, excess) if is_stable(loop) else 1.0
+            paid += min(1.0, excess) if stability.is_stable(loop) else 1.0
         return paid
 
-    def margins(self, gains: Gains) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
+    def margins(self, gains: Gains) -> tuple[tuple[stability.Margins, ...], tuple[str, ...]]:
         """Margins of the loop, stuck and sliding, and reasons for missing ones."""
         if self.missing:
             return (), (f"{self.part}: no margins, {self.missing}",)
@@ -320,7 +308,7 @@ class _Linearized:
             if at is None:
                 without.append(f"sliding at {speed:g} m/s: there is no steady sliding of the loop")
             else:
-                found.append(margins_of(self._open(gains, plant, at), state, speed))
+                found.append(stability.margins_of(self._open(gains, plant, at), state, speed))
         return tuple(found), tuple(without)
 
     def _followed(
@@ -344,6 +332,6 @@ class _Linearized:
         values = c.values(gains, c.plan.duties[-1], (), 0)
         return Model(self.kernel, values, c.plan.tolerance)
 
-    def _open(self, gains: Gains, plant: Linear, at: Mapping[str, float]) -> Any:
+    def _open(self, gains: Gains, plant: stability.Linear, at: Mapping[str, float]) -> Any:
         law = linearized(self.part, self.seen, ("u",), gains, at)
-        return open_loop(plant, law, self._model(gains).sample_time)
+        return stability.open_loop(plant, law, self._model(gains).sample_time)

@@ -24,17 +24,18 @@ from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.signals import Parameter
 from ..loop import catalogue
 from ..loop.catalogue import component
-from ..loop.loop import Loop
-from ..loop.parts import Part, check_names
+from ..loop.loop import Loop, of_side
+from ..loop.parts import Part, check_names, check_range
 from ..loop.whole_loop import loop_kernel
 from ..master.reference_signal import Reference
 from .plan import Duty, Entrant, Plan, Ranges
-from .run import STEP, AnyLoop, Course, Figures, FmuLoop, StudyLoop, figures_of, of_side
+from .run import STEP, AnyLoop, Course, Figures, FmuLoop, StudyLoop, figures_of
 
 if TYPE_CHECKING:
     from ...solver.component import Component
 
 Gains = Mapping[str, float]
+Drawn = Sequence[float]
 Cost = Callable[[Gains], float]
 
 FAILED = 1e6  # price of a run that fails
@@ -69,9 +70,7 @@ class Tuned:
     at_bound: tuple[str, ...] = ()  # values that ended within 1 % of an end of their range
 
 
-def tune(
-    cost: Cost, published: Gains, ranges: Ranges, budget: int, seed: int | Sequence[int]
-) -> Tuned:
+def tune(cost: Cost, published: Gains, ranges: Ranges, budget: int, seed: int | list[int]) -> Tuned:
     """Find values with a small cost, from published ones on.
 
     Without any range the published values are the result. The same values always have the same
@@ -139,20 +138,15 @@ class Contender:
                 loop.run({}, (Reference.constant(0.0), 2.0 * (plan.period or STEP)))  # it can
             found = cls(plan, entrant, loop)
             known = found._known(CONTROLLER)
-            check_names("it", (*entrant.values, *entrant.tune), known)
-            values = {n: (value,) for n, value in entrant.values.items()}
-            for name, ends in (*values.items(), *entrant.tune.items()):
-                low, high = known[name].minimum, known[name].maximum
-                if not low <= min(ends) <= max(ends) <= high:
-                    asked = " to ".join(f"{end:g}" for end in ends)
-                    raise UserError(f"{name} is {asked}, expected within [{low:g}, {high:g}]")
+            check_names("the controller", (*entrant.values, *entrant.tune), known)
+            ends = [(name, end) for name, ends in entrant.tune.items() for end in ends]
+            for name, value in (*entrant.values.items(), *ends):
+                check_range("the controller", name, value, known[name])
         except UserError as error:
             raise UserError(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
         return found
 
-    def values(
-        self, gains: Gains, duty: Duty, drawn: Sequence[float], number: int
-    ) -> dict[str, float]:
+    def values(self, gains: Gains, duty: Duty, drawn: Drawn, number: int) -> dict[str, float]:
         """Parameters of a run, by the loop's names, that differ from their defaults.
 
         Noise sources get seeds that follow from the number of the drawn plant: the same for all
@@ -172,9 +166,7 @@ class Contender:
         sources = sorted(n for n in known if n.endswith(SEED))
         return values | {n: float(1 + number + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
 
-    def run(
-        self, gains: Gains, duty: Duty, drawn: Sequence[float], number: int
-    ) -> tuple[Course, Figures]:
+    def run(self, gains: Gains, duty: Duty, drawn: Drawn, number: int) -> tuple[Course, Figures]:
         """A run and its figures; see `values`."""
         values = self.values(gains, duty, drawn, number)
         course = self.loop.run(values, duty.motion, self.plan.tolerance)
@@ -221,8 +213,7 @@ class Contender:
 
     def _known(self, side: str) -> dict[str, Parameter]:
         """Parameters of one part, by its own names."""
-        of_loop = self.loop.parameters
-        return {p.name.removeprefix(side): p for p in of_loop if p.name.startswith(side)}
+        return of_side(side, {p.name: p for p in self.loop.parameters})
 
 
 def composed(plan: Plan, entrant: Entrant) -> Component:

@@ -9,14 +9,7 @@ import shutil
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    wait,
-)
+from concurrent import futures
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -32,8 +25,8 @@ _NOISY = ("distributed", "tornado", "asyncio")
 _INSTALL = "install the same version of ballscrew there"
 
 Function: TypeAlias = Callable[..., Any]
-Tasks: TypeAlias = Iterator[tuple[str, tuple[Any, ...]]]
-"""Names of tasks, and the arguments of each."""
+Jobs: TypeAlias = Mapping[str, tuple[Any, ...]]  # arguments of tasks, by their names
+Tasks: TypeAlias = Iterator[tuple[str, tuple[Any, ...]]]  # the same, one by one
 
 
 class Processes:
@@ -49,32 +42,26 @@ class Processes:
             return
         with pool(self.count) as workers:
             try:
-                yield from _as_finished(workers, self.count, function, tasks)
-            except BrokenExecutor as error:
-                raise UserError(
-                    "a worker process ended unexpectedly; continue with --resume"
-                ) from error
+                yield from _as_finished(workers, self.count, function, tasks, lambda: None)
+            except futures.BrokenExecutor as error:
+                raise UserError("a worker process ended; continue with --resume") from error
             except GeneratorExit:
                 workers.shutdown(wait=False, cancel_futures=True)
                 raise
 
 
 def _as_finished(
-    executor: Executor,
-    workers: int,
-    function: Function,
-    tasks: Tasks,
-    check: Callable[[], None] | None = None,
+    executor: futures.Executor, workers: int, function: Function, tasks: Tasks, check: Function
 ) -> Iterator[tuple[str, Any]]:
     """Submit tasks, a few for each worker at a time; `check` is called while none is finished."""
-    waiting: dict[Future[Any], str] = {}
+    waiting: dict[futures.Future[Any], str] = {}
     while True:
         for name, arguments in islice(tasks, workers * AHEAD - len(waiting)):
             waiting[executor.submit(function, *arguments)] = name
         if not waiting:
             return
-        done = wait(waiting, CHECK if check else None, FIRST_COMPLETED).done
-        if check and not done:
+        done = futures.wait(waiting, CHECK, futures.FIRST_COMPLETED).done
+        if not done:
             check()
         for future in done:
             yield waiting.pop(future), future.result()
@@ -99,9 +86,7 @@ class Dask:
             from distributed import Client
             from distributed.comm.addressing import get_address_host_port
         except ImportError:
-            raise UserError(
-                "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
-            ) from None
+            raise UserError("--dask needs Dask: pip install 'ballscrew[dask]'") from None
         for name in (*_NOISY, *logging.root.manager.loggerDict):  # an error is one line
             if name.partition(".")[0] in _NOISY:
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
@@ -164,7 +149,7 @@ def _of_dask(error: Exception) -> str:
 
     if isinstance(error, ImportError | KilledWorker) or "deserializ" in str(error):
         return f"cannot run the task: {_INSTALL} ({error.__cause__ or error})"
-    return "is gone" if isinstance(error, CommClosedError | CancelledError) else ""
+    return "is gone" if isinstance(error, CommClosedError | futures.CancelledError) else ""
 
 
 class KeptParts:
@@ -183,9 +168,7 @@ class KeptParts:
         place = self.folder.parent
         found = {_read(path)[0] for path in self.folder.glob("*.json")} - {None}
         if self.digest in found and not resume:
-            raise UserError(
-                f"{place} contains an unfinished run of this {work}; add --resume to continue it"
-            )
+            raise UserError(f"{place} contains this {work}, unfinished; add --resume to continue")
         if found and self.digest not in found:
             raise UserError(f"{place} contains another {work}; choose another folder, or remove it")
         if resume and not found:
@@ -202,15 +185,11 @@ class KeptParts:
         write_atomically(self.folder / name, json.dumps(content).encode())
 
     def results(
-        self,
-        jobs: Mapping[str, tuple[Any, ...]],
-        function: Function,
-        workers: Workers,
-        fits: Callable[[str, Any], bool] = lambda name, found: True,
+        self, jobs: Jobs, function: Function, workers: Workers, fits: Function = lambda *_: True
     ) -> Iterator[tuple[str, Any]]:
         """Yield the name and result of each job: finished ones first, the others as they end.
 
-        `jobs` are arguments by name; `fits` says whether a result belongs to its job.
+        `fits` says whether a result, after its name, belongs to its job.
         """
         missing = {}
         for name, job in jobs.items():
