@@ -368,7 +368,7 @@ def held_loop_kernel(
         return with_held_states(loop) if loop.discrete else loop
 
     kind = f"{'averaged' if averaged else 'held'}_loop"
-    return stored_loop(kind, make, plant, controller, __name__)
+    return stored_loop(kind, make, (plant, controller), __name__)
 
 
 def loop_maker(loop: Loop, averaged: bool = False) -> Maker:

@@ -27,7 +27,7 @@ from ..fmus.ports import tangent_port
 from ..orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ..orchestration.fmu.group import initialize
 from ..orchestration.fmu.isolated import IsolatedInstance
-from ..orchestration.fmu.wiring import PLANT, Wiring, convert, names_on, wire
+from ..orchestration.fmu.wiring import CONTROLLER, PLANT, Wiring, convert, names_on, wire
 from ..orchestration.master.compiled import Bound, Why, call, failure_of, struct
 from ..orchestration.master.march import Clock, bounds
 from ..solver.arrays import Matrix, Vector
@@ -39,6 +39,7 @@ ACCURACY = 1e-2  # nats: largest total change of the growth by the corrections
 # 1e-5 nats, that of a fast one by 4e-9 of it (loop with NCTF, 20 s), with a fifth of the steps.
 TOLERANCE = 1e-6
 _FINE = {"solver_tolerance": TOLERANCE}
+FINEST = 12  # steps go down to 2^-12 of the given one
 CHUNK = 256  # steps between two possible interruptions
 
 
@@ -140,9 +141,9 @@ def follow_over_fmus(  # noqa: PLR0913
                 "here; export it with this capability (pythonfmu build --handle-state)"
             )
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
-    controller, units = convert(plant, controller, wiring, mapping)
+    controller, _, notes = convert(plant, controller, wiring, mapping)
     refs = np.array([0.0 if order else reference for order in wiring.orders])
-    wiring.check_given(plant_values or {}, controller_values or {})
+    wiring.check_given({PLANT: plant_values or {}, CONTROLLER: controller_values or {}})
     p = Side(plant)
     if not p.states or not wiring.accepts_law:
         raise FmuError(
@@ -167,7 +168,7 @@ def follow_over_fmus(  # noqa: PLR0913
             )
     names = list(ordinary(plant).outputs)
     joint = _Joint(p, c, wiring, count, refs)
-    run = joint.march(names, Clock(stop, step, adaptive=True), accuracy)
+    run = joint.march(names, Clock(stop, step, finer=FINEST), accuracy)
     ours = names_on(PLANT, [*names, *plant.inputs], mapping or {})
     said = _stated(c, accuracy)
     if run.unmet:
@@ -180,7 +181,7 @@ def follow_over_fmus(  # noqa: PLR0913
         outputs={ours[n]: course for n, course in run.outputs.items()},
         states=(*p.states, *c.states),
         method="tangent ports" if ports else "probed by differences",
-        accuracy="; ".join([said, *units.notes]),
+        accuracy="; ".join([said, *notes]),
     )
 
 

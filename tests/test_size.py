@@ -19,8 +19,8 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1686, 1407),
     "controllers": (1207, 948),
     "fmus": (4974, 4446),
-    "orchestration": (8975, 7871),
-    "stability": (2769, 2266),
+    "orchestration": (8803, 7698),
+    "stability": (2770, 2267),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
     "measurement": (10557, 9233),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21935, 20936),
+    "tests": (21930, 20931),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

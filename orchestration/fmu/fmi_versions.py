@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,8 +18,8 @@ from ...solver.arrays import Vector
 if TYPE_CHECKING:
     from .model_exchange import Integrator
 
+# by type: the name of its calls after the verb, and how its values are kept
 Types = dict[str, tuple[str, npt.DTypeLike]]
-"""By type: the name of its calls after the verb, and how its values are kept."""
 
 # fmi2DoStep, and the functions of saved states in both versions, for those made here
 STEP = ctypes.CFUNCTYPE(
@@ -42,9 +41,7 @@ class Refused(RuntimeError):
 class Ports:
     """Variables of one type, to be set or read in one call."""
 
-    def __init__(
-        self, variables: Sequence[NumberVariable], function: str, kind: npt.DTypeLike
-    ) -> None:
+    def __init__(self, variables: list[NumberVariable], function: str, kind: npt.DTypeLike) -> None:
         self.names = [v.name for v in variables]
         self.function = function
         self.references = (ctypes.c_uint * len(variables))(*(v.reference for v in variables))
@@ -63,10 +60,8 @@ class Ports:
             if not fit.all():
                 at = int(np.argmin(fit))
                 wanted = "0 or 1" if self._type == "Boolean" else "a whole number in its range"
-                raise Refused(
-                    f"{self.names[at]} is of type {self._type} and was given {values[at]:g}, "
-                    f"expected {wanted}"
-                )
+                said = f"{self.names[at]} is of type {self._type} and was given {values[at]:g}"
+                raise Refused(f"{said}, expected {wanted}")
         self.values[:] = values
 
 
@@ -122,7 +117,7 @@ class Fmi2:
         """A function of the FMU; its arguments are checked as fmpy declares them."""
         return getattr(self.library, f"{self._VERSION}{verb}{what}")
 
-    def ports(self, variables: Sequence[NumberVariable]) -> Ports:
+    def ports(self, variables: list[NumberVariable]) -> Ports:
         return Ports(variables, *self._TYPES[variables[0].type])
 
     def transfer(self, verb: str, ports: Ports) -> int:
@@ -208,8 +203,6 @@ class Fmi3(Fmi2):
     def _co_step(self, t: float, h: float) -> int:
         _, ends, early, reached = self.fmu.doStep(t, h)
         if early and not ends:
-            raise Refused(
-                f"stopped at t = {reached:g} s although early return is not allowed", DISCARD
-            )
+            raise Refused(f"stopped at t = {reached:g} s: early return is not allowed", DISCARD)
         self.end = reached if ends else math.inf
         return 0

@@ -26,10 +26,8 @@ _FAILED += ["cannot save its state", "cannot restore its state"]
 SAMPLE_TIME = "sample_time"
 AS_PRINTED = 1e-6  # of a start value: what a tool that prints few digits may change
 SHORTER = "it needs shorter communication steps"
-_ADVICE = (
-    "use shorter communication steps; if the result is the same, the loop itself is unstable or "
-    "a parameter is wrong"
-)
+_ADVICE = "use shorter communication steps; if the result is the same, the loop itself is unstable"
+_ADVICE += " or a parameter is wrong"
 
 Value: TypeAlias = "float | str"  # value of a parameter: a number, or the text of a String
 Writer: TypeAlias = Callable[[Vector], None]
@@ -131,8 +129,8 @@ class AnyFmu(Stepped):
         # the law's ramp counts from the start of a communication step: model exchange has none
         law = law_ports(inputs, inputs, self.outputs) if self.description.exchanges else set[str]()
         self.inputs = [n for n in inputs if n not in law]
-        self.can_save = self.description.saves_state
-        self.steps_vary = self.description.steps_vary
+        about = self.description
+        self.can_save, self.steps_vary = about.saves_state, about.steps_vary
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal

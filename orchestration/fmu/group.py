@@ -101,13 +101,9 @@ class Group(Instance):
     lags = _initializing = False
 
     def __init__(
-        self,
-        name: str,
-        members: Mapping[str, Instance],
-        feeds: Sequence[Feed],
-        inputs: Sequence[str],
+        self, name: str, members: Mapping[str, Instance], feeds: list[Feed], inputs: list[str]
     ) -> None:
-        self.name, self.inputs, self._feeds = name, list(inputs), list(feeds)
+        self.name, self.inputs, self._feeds = name, inputs, feeds
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
         self._at_once = {m for m, p in members.items() if any(map(p.follows_at_once, p.outputs))}
         # member and port of each output, and of what each input feeds

@@ -56,11 +56,9 @@ def check_step(what: str, given: Any, stop: float | None) -> float:
     return step
 
 
-def check_memory(needed: float, what: str, remedy: str) -> None:
+def check_memory(size: float, what: str, remedy: str) -> None:
     """Reject a request that would need so many bytes: what it is and the remedy become one line."""
     room = available_memory()
-    if room is not None and needed > room:
-        most, least = (
-            f"{n / 1e6:.3g} MB" if n < 1e9 else f"{n / 1e9:.3g} GB" for n in (needed, room)
-        )
-        raise UserError(f"{what}, about {most} of memory, but only {least} is available; {remedy}")
+    if room is not None and size > room:
+        need, left = (f"{n / 1e6:.3g} MB" if n < 1e9 else f"{n / 1e9:.3g} GB" for n in (size, room))
+        raise UserError(f"{what}, about {need} of memory, but only {left} is available; {remedy}")

@@ -68,27 +68,25 @@ def _moved(fmu: AnyFmu, values: Mapping[str, float], stop: float, step: float) -
     return 0.0
 
 
-def check_state(
-    fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: float
-) -> tuple[str, ...]:
+def check_state(fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: float) -> list[str]:
     """Do not use an FMU's saved states if it does not really restore them; return a note on it.
 
     A new instance is tried, with the given parameters.
     """
     if not fmu.can_save or is_ours(fmu.path):
-        return ()
+        return []
     about = fmu.path.stat()
     key = (str(fmu.path.resolve()), about.st_mtime_ns, about.st_size)
     if key not in _TRIED:
         _TRIED[key] = _comes_back(fmu, values, stop, step)
     if _TRIED[key]:
-        return ()
+        return []
     fmu.can_save = False
-    return (
+    return [
         f"{fmu.path.name} declares that it can save its state but does not restore it correctly: "
         "it runs without saved states (pythonfmu build --handle-state saves only registered "
-        "variables: register all variables that do_step changes)",
-    )
+        "variables: register all variables that do_step changes)"
+    ]
 
 
 def _comes_back(fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: float) -> bool:
@@ -149,8 +147,7 @@ class _Sampled(Wrapped):
         # a feedback law between samples is not applied by a digital controller
         law = law_ports(instance.outputs, instance.outputs, instance.inputs)
         self.outputs = [name for name in instance.outputs if name not in law]
-        self._initialized = False
-        self._samples = 0
+        self._initialized, self._samples = False, 0
         self._given: dict[Writer, Vector] = {}
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ PLANT, CONTROLLER = "plant", "controller"
 POSITION = "x"  # the output that a set-point is compared with
 COLUMNS = ("time", SET_POINT)  # of the results, in addition to the plant's
 Scale = tuple[float, float]  # factor and offset: result = factor * value + offset
+Scales = dict[str, Scale]  # by ports
 AS_IS: Scale = (1.0, 0.0)
 Kind = TypeVar("Kind", bound=Instance)
 Fmu = TypeVar("Fmu", bound=AnyFmu)
@@ -48,10 +49,7 @@ class Wiring:
     references: tuple[str, ...]
     accepts_law: bool = False  # whether the plant has the law's inputs
     reports_law: bool = False  # whether the controller has its outputs
-    # inputs of the controller that nothing drives: they stay at their start or given values
-    unconnected: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()  # of the time derivative of each of `references`
-    of_plant: tuple[str, ...] = ()  # as `unconnected`
     others: tuple[str, ...] = ()  # further outputs of the controller that are recorded
     # whether parts feed each other within a side: their signals and outputs are judged, too
     network: bool = False
@@ -61,19 +59,20 @@ class Wiring:
         """Whether no signal is connected in either direction."""
         return not self.commands and not self.signals
 
-    def check_given(
-        self, plant_values: Collection[str], controller_values: Collection[str]
-    ) -> None:
-        """Raise `CouplingError` if an input that a connection drives is given a value."""
-        of_plant = {port for _, port in self.commands}
-        of_controller = {*(port for _, port in self.signals), *self.references}
-        found = [f"{PLANT}.{n}" for n in plant_values if n in of_plant]
-        found += [f"{CONTROLLER}.{n}" for n in controller_values if n in of_controller]
-        if found:
-            raise CouplingError(
-                f"{found[0]} is an input that is connected in the loop; expected a parameter or "
-                "an input that is not connected"
-            )
+    @property
+    def driven(self) -> dict[str, set[str]]:
+        """Inputs of each side that a connection drives."""
+        into = {*(port for _, port in self.signals), *self.references}
+        return {PLANT: {port for _, port in self.commands}, CONTROLLER: into}
+
+    def check_given(self, values: Mapping[str, Collection[str]]) -> None:
+        """Raise `CouplingError` if a driven input is among the values of a side."""
+        for side, ports in self.driven.items():
+            for name in (n for n in values[side] if n in ports):
+                raise CouplingError(
+                    f"{side}.{name} is an input that is connected in the loop; expected a "
+                    "parameter or an input that is not connected"
+                )
 
     def plant_law(self) -> list[str]:
         """The plant's inputs except the commands, in the order in which a law is written.
@@ -117,13 +116,12 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     own = [n for n in controller.inputs if ours[n] == n and orders.get(n)]
     found = {n: measured[ours[n]] for n in controller.inputs if ours[n] in measured}
     signals = tuple((theirs, n) for n, theirs in found.items() if n not in own)
-    acting, driven = ({pair[side] for pair in commands} for side in (0, 1))
-    of_plant = [n for n in needed.values() if n not in driven]
-    if of_plant and not commands:
+    if needed and not commands:
+        first = next(iter(needed.values()))
         raise CouplingError(
-            f"nothing is connected to the input {of_plant[0]!r} of {plant.name}: {controller.name} "
+            f"nothing is connected to the input {first!r} of {plant.name}: {controller.name} "
             f"has the outputs {', '.join(controller.outputs) or 'none'}"
-            f"{nearest(of_plant[0], controller.outputs)}; map one of them: THEIRS={of_plant[0]}"
+            f"{nearest(first, controller.outputs)}; map one of them: THEIRS={first}"
         )
     if not signals and (controller.inputs or controller.outputs):
         raise CouplingError(
@@ -138,20 +136,12 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"{controller.name} has the inputs {', '.join(free.values())} that are not connected "
             f"to {plant.name}; map one of them to the set-point: {min(free.values())}={SET_POINT}"
         )
-    wiring = Wiring(
-        commands,
-        signals,
-        references=tuple(free[n] for n in taken),
-        unconnected=tuple(theirs for n, theirs in free.items() if n not in taken),
-        orders=tuple(taken.values()),
-        of_plant=tuple(of_plant),
-        others=tuple(n for n in plain_outputs(controller) if n not in acting),
-    )
-    return replace(
-        wiring,
-        accepts_law=bool(commands) and set(wiring.plant_law()) <= set(plant.inputs),
-        reports_law=set(wiring.controller_law()) <= set(controller.outputs),
-    )
+    acting, references = {n for n, _ in commands}, tuple(free[n] for n in taken)
+    others = tuple(n for n in plain_outputs(controller) if n not in acting)
+    known = Wiring(commands, signals, references, orders=tuple(taken.values()), others=others)
+    accepts = bool(commands) and set(known.plant_law()) <= set(plant.inputs)
+    reports = set(known.controller_law()) <= set(controller.outputs)
+    return replace(known, accepts_law=accepts, reports_law=reports)
 
 
 def with_aliases(plant: AnyFmu, controller: AnyFmu, mapping: Mapping[str, str]) -> dict[str, str]:
@@ -200,11 +190,8 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
         known = ports.get(side, both)
         if theirs not in both and name not in known:
             raise CouplingError(f"mapping: {where} port {name!r}{nearest(name, known)}")
-    for side, group in (
-        (PLANT, ports[PLANT]),
-        (CONTROLLER, controller.inputs),
-        (CONTROLLER, controller.outputs),
-    ):
+    of_controller = ((CONTROLLER, own) for own in (controller.inputs, controller.outputs))
+    for side, group in ((PLANT, ports[PLANT]), *of_controller):
         called = names_on(side, group, mapping)
         for theirs, ours in called.items():
             others = [f"{side}'s port {n!r}" for n in called if called[n] == ours and n != theirs]
@@ -220,23 +207,16 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
 # -- units ---------------------------------------------------------------------------------------
 
 
-class PortUnits(NamedTuple):
-    """What the results need of the units of both sides."""
-
-    set_point: Scale  # from its SI unit to the unit of the plant's position
-    commands: dict[str, str]  # unit of each driven input of the plant: its own, else the other's
-    notes: tuple[str, ...]
-
-
 def convert(
     plant: AnyFmu, controller: Fmu, wiring: Wiring, mapping: Mapping[str, str] | None = None
-) -> tuple[Fmu, PortUnits]:
-    """The controller with its ports in the plant's units, or unchanged; and the conversions.
+) -> tuple[Fmu, Scale, tuple[str, ...]]:
+    """The controller with its ports in the plant's units, or unchanged, and notes.
 
-    Raises `FmuError` or `CouplingError` if units of two ports that are joined do not fit.
+    Between them is the conversion of the set-point from its SI unit to that of the plant's
+    position. Raises `FmuError` or `CouplingError` if units of two ports that are joined do not fit.
     """
     p, c = plant.description, controller.description
-    scales: dict[str, Scale] = {}
+    scales: Scales = {}
     one_sided = []  # ports whose unit only one side gives, with that unit
     joined: list[tuple[str, AnyFmu, str, AnyFmu, str]]
     joined = [(n, plant, ours, controller, n) for ours, n in wiring.signals]
@@ -257,18 +237,15 @@ def convert(
     scales |= {tangent_port(n, k): (f, 0.0) for n, (f, _) in [*scales.items()] for k in tangents}
     names = ", ".join(one_sided)
     note = f"only one side gives the unit of {names}: these values are not converted"
-    commands = {ours: p.by_name[ours].unit or c.by_name[n].unit for n, ours in wiring.commands}
     called = names_on(PLANT, p.names("output"), mapping or {})
     position = next((p.unit(n) for n, name in called.items() if name == POSITION), None)
     of_position = [y for ours, y in wiring.signals if called[ours] == POSITION]
     goals = [n for n, order in zip(wiring.references, wiring.orders, strict=True) if order == 0]
     set_point = scale_of_results(position, [c.unit(n) for n in (*goals, *of_position)])
-    return converted(controller, scales), PortUnits(set_point, commands, (note,) if names else ())
+    return converted(controller, scales), set_point, (note,) if names else ()
 
 
-def _add_set_points(
-    scales: dict[str, Scale], plant: AnyFmu, controller: AnyFmu, wiring: Wiring
-) -> list[str]:
+def _add_set_points(scales: Scales, plant: AnyFmu, controller: AnyFmu, wiring: Wiring) -> list[str]:
     """Add conversions of set-points; return those without a defined unit if others are not SI."""
     measured = [plant.description.unit(ours) for ours, _ in wiring.signals]
     own = [controller.description.unit(theirs) for _, theirs in wiring.signals]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from ...fmus.ports import reference_port
+from ...fmus.ports import law_ports, reference_port
 from ...fmus.reading import Description
 from ...fmus.system_network import SystemConnection, SystemPort
 from ...plant.instruments import LIMIT, UNLIMITED
@@ -20,17 +20,7 @@ from ..fmu.group import Group
 from ..fmu.isolated import IsolatedInstance, open_fmu
 from ..fmu.limits import FIRST_STEP
 from ..fmu.trials import answers_in_steps, check_state, sampled_every
-from ..fmu.wiring import (
-    AS_IS,
-    CONTROLLER,
-    PLANT,
-    Scale,
-    Wiring,
-    convert,
-    names_on,
-    wire,
-    with_aliases,
-)
+from ..fmu.wiring import AS_IS, CONTROLLER, PLANT, Wiring, convert, names_on, wire, with_aliases
 from ..master.march import LoopRun, Progress
 from ..master.master import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step, run_loop
 from ..master.reference_signal import Reference
@@ -58,7 +48,7 @@ class Joined:
     wiring: Wiring
     names: Mapping[str, str]  # of ports, in the results
     commands: tuple[SystemConnection, ...]  # into the plant, without those of the law
-    scale: Scale  # from the set-point's SI unit to that of the plant's position
+    scale: tuple[float, float]  # from the set-point's SI unit to that of the plant's position
     reference: Reference
     stop: float  # [s]
     notes: tuple[str, ...]
@@ -69,7 +59,7 @@ class Joined:
         self._check_states(step)
         return self._finished(run_loop(self._coupled(), step, look=False))
 
-    def run(self, progress: Progress | None) -> tuple[LoopRun, StepChoice | None, tuple[str, ...]]:
+    def run(self, progress: Progress) -> tuple[LoopRun, StepChoice | None, tuple[str, ...]]:
         """Run with the requested step, else that of the FMUs, else as by `choose_step`."""
         how, choice = self.how, None
         stepped = [f for n, f in self.fmus.items() if n not in self.sampled]
@@ -90,17 +80,10 @@ class Joined:
 
     def _coupled(self) -> Sides:
         """Both sides, as the master runs them."""
-        how, others = self.how, [n for n in self.fmus if n != self.main]
-        return Sides(
-            *self.sides,
-            self.reference,
-            self.stop,
-            how.coupling,
-            how.corrections,
-            (self._of_side(0, [self.main]), self._of_side(1, others)),
-            self.names,
-            self.wiring,
-        )
+        others = [n for n in self.fmus if n != self.main]
+        values = self._of_side(0, [self.main]), self._of_side(1, others)
+        asked = *self.sides, self.reference, self.stop, self.how.coupling, self.how.corrections
+        return Sides(*asked, values, self.names, self.wiring)
 
     def _of_side(self, side: int, names: list[str]) -> Values:
         if isinstance(self.sides[side], Group):
@@ -130,18 +113,14 @@ class Joined:
             if isinstance(self.sides[0], Group):
                 commands[name] = c.factor * commands[name] + c.offset
                 residual[name] *= abs(c.factor)
-            if not units[name] and (c.factor, c.offset) == AS_IS:
+            if not units[name] and as_is(c):
                 units[name] = fmu.description.by_name[c.source.connector].unit
         acting, (factor, offset) = {str(c.source) for c in self.commands}, self.scale
-        run = replace(
-            run,
-            commands=commands,
-            others={n: y for n, y in given.items() if n not in acting},
-            residual_max=residual,
-            reference=factor * run.reference + offset,
-            scale=self.scale,
-            units={n: units[n] for n in (*run.outputs, *run.commands)},
-        )
+        units = {n: units[n] for n in (*run.outputs, *run.commands)}
+        others = {n: y for n, y in given.items() if n not in acting}
+        goal = factor * run.reference + offset
+        run = replace(run, reference=goal, scale=self.scale, units=units, others=others)
+        run = replace(run, commands=commands, residual_max=residual)
         return limited(run, self.values[self.main])
 
     def _notes_on(self, run: LoopRun, step: float) -> Iterator[str]:
@@ -153,8 +132,7 @@ class Joined:
                     f"{f'of {size:g} s' if size else 'of constant length'}; this run and its "
                     "checks use other steps, so do not rely on the verdict alone"
                 )
-        for fmu in self.fmus.values():
-            yield from fmu.notes
+        yield from (note for fmu in self.fmus.values() for note in fmu.notes)
         yield from _coarse_notes(run, self.reference)
 
 
@@ -193,8 +171,10 @@ def _coarse_notes(run: LoopRun, reference: Reference) -> Iterator[str]:
         )
 
 
-def join_pair(loop: Loop, plant: Fmu, own: Fmu) -> Joined:
+def join_pair(loop: Loop, opening: Callable[[Path, str], Fmu]) -> Joined:
     """Both FMUs of a loop, joined; `CouplingError`, `BadParameter` if they cannot be."""
+    plant = opening(loop.plant.fmu(), PLANT)
+    own = opening(loop.controller.fmu(), CONTROLLER)
     controller = sampled_every(own, loop.sampled) if loop.sampled else own
     values = {
         PLANT: taken(PLANT, plant.description, loop.plant_values),
@@ -202,24 +182,15 @@ def join_pair(loop: Loop, plant: Fmu, own: Fmu) -> Joined:
     }
     mapping = with_aliases(plant, controller, loop.mapping)
     wiring = wire(plant, controller, mapping)
-    wiring.check_given(values[PLANT], values[CONTROLLER])
-    converted, units = convert(plant, controller, wiring, mapping)
+    wiring.check_given(values)
+    converted, scale, of_units = convert(plant, controller, wiring, mapping)
     ports = ((SystemPort(CONTROLLER, u), SystemPort(PLANT, n)) for u, n in wiring.commands)
-    return Joined(
-        how=loop,
-        fmus={PLANT: plant, CONTROLLER: controller},
-        values=values,
-        main=PLANT,
-        sides=(plant, converted),
-        wiring=wiring,
-        names=mapping,
-        commands=tuple(SystemConnection(*both) for both in ports),
-        scale=units.set_point,
-        reference=loop.reference,
-        stop=loop.stop,
-        notes=(*loop.notes, *_connection_notes(loop, mapping, plant, own, wiring), *units.notes),
-        sampled={CONTROLLER: loop.sampled} if loop.sampled else {},
-    )
+    commands = tuple(SystemConnection(*both) for both in ports)
+    fmus, sides = {PLANT: plant, CONTROLLER: controller}, (plant, converted)
+    notes = (*loop.notes, *_connection_notes(loop, fmus, wiring, mapping), *of_units)
+    joint = wiring, mapping, commands, scale, loop.reference, loop.stop, notes
+    sampled = {CONTROLLER: loop.sampled} if loop.sampled else {}
+    return Joined(loop, fmus, values, PLANT, sides, *joint, sampled)
 
 
 def opened(how: HowCoupled, path: Path, name: str) -> Fmu:
@@ -244,6 +215,11 @@ def as_it_answers(loop: Loop) -> Loop:
     return replace(loop, sampled=step, notes=(*loop.notes, note))
 
 
+def as_is(*connections: SystemConnection) -> bool:
+    """Whether no connection is scaled."""
+    return all((c.factor, c.offset) == AS_IS for c in connections)
+
+
 def free_input(name: str, label: str, fmu: Fmu) -> str:
     """A note on an input that nothing is connected to."""
     start = fmu.description.by_name[name].start or 0.0
@@ -252,15 +228,17 @@ def free_input(name: str, label: str, fmu: Fmu) -> str:
 
 
 def _connection_notes(
-    loop: Loop, mapping: Mapping[str, str], plant: Fmu, controller: Fmu, wiring: Wiring
+    loop: Loop, fmus: Mapping[str, Fmu], wiring: Wiring, mapping: Mapping[str, str]
 ) -> Iterator[str]:
     """Notes on inputs that are not connected, and on the input used for the set-point."""
-    acts = [name for name in wiring.unconnected if _acts(loop.controller, name)]
-    for side, label, free, values in (
-        (plant, loop.plant.label, wiring.of_plant, loop.plant_values),
-        (controller, loop.label, acts, loop.controller_values),
-    ):
-        yield from (free_input(name, label, side) for name in free if name not in values)
+    plant, own = fmus.values()
+    law, driven = law_ports(plant.inputs, plant.inputs, plant.outputs), wiring.driven
+    known = {*driven[PLANT], *law, *loop.plant_values}
+    free = (n for n in plant.inputs if n not in known)
+    yield from (free_input(n, loop.plant.label, plant) for n in free)
+    known = {*driven[CONTROLLER], *loop.controller_values}
+    free = (n for n in own.inputs if n not in known and _acts(loop.controller, n))
+    yield from (free_input(n, loop.label, own) for n in free)
     called = names_on(CONTROLLER, wiring.references, mapping)
     for name, order in zip(wiring.references, wiring.orders, strict=True):
         if order == 0 and called[name] != SET_POINT:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
@@ -17,28 +18,16 @@ from ...solver.errors import BadParameter, FmuError, nearest
 from ...solver.signals import set_point_orders
 from ..fmu.fmu_instance import Instance, Value
 from ..fmu.group import Feed, Group
-from ..fmu.wiring import (
-    AS_IS,
-    CONTROLLER,
-    PLANT,
-    POSITION,
-    Scale,
-    Wiring,
-    converted,
-    from_si,
-    plain_outputs,
-    scale_of_results,
-)
+from ..fmu.wiring import POSITION, Wiring, converted, from_si, plain_outputs, scale_of_results
 from ..master.reference_signal import Reference
-from .joined import Fmu, Joined, free_input, join_pair, opened
+from .joined import Fmu, Joined, as_is, free_input, join_pair, opened
 from .loop import STOP, HowCoupled, Loop, SystemLoop
 from .parts import as_taken, check_names, settable_of
 
 Fmus = Mapping[str, Fmu]
 Values = Mapping[str, Mapping[str, Value]]  # start values by element
 Connections = Sequence[SystemConnection]
-Goal = tuple[tuple[SystemConnection, int], ...]
-"""Connections of the set-point, and the order of its time derivative for each."""
+Goal = tuple[tuple[SystemConnection, int], ...]  # of the set-point, with orders of derivatives
 
 
 @contextmanager
@@ -50,8 +39,7 @@ def joined(loop: Loop | SystemLoop) -> Iterator[Joined]:
             return stack.enter_context(closing(opened(loop, path, name)))
 
         if isinstance(loop, Loop):
-            plant = opening(loop.plant.fmu(), PLANT)
-            yield join_pair(loop, plant, opening(loop.controller.fmu(), CONTROLLER))
+            yield join_pair(loop, opening)
         else:
             system = read_system(loop.system)
             stack.callback(system.remove)
@@ -88,20 +76,9 @@ def join_system(asked: SystemLoop, system: SystemStructure, fmus: Fmus) -> Joine
         names |= {str(c.source): c.target.connector for c in commands}
     ignored = (f"{name} is unknown in the system and was ignored" for name in system.ignored)
     free = _free_inputs(system, fmus, values, main, goal, bool(wiring.signals))
-    return Joined(
-        how=asked,
-        fmus=fmus,
-        values=values,
-        main=main,
-        sides=sides,
-        wiring=wiring,
-        names=names,
-        commands=commands,
-        scale=scale_of_results(measured, of_goal),
-        reference=reference,
-        stop=stop,
-        notes=(*ignored, *free, *reference.notes(stop)),
-    )
+    notes = (*ignored, *free, *reference.notes(stop))
+    joint = wiring, names, commands, scale_of_results(measured, of_goal), reference, stop, notes
+    return Joined(asked, fmus, values, main, sides, *joint)
 
 
 def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> Values:
@@ -117,10 +94,8 @@ def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> Values:
         element = max((e for e in values if name.startswith(e + ".")), key=len, default="")
         if not element:
             wanted = name.rpartition(".")[0]
-            raise BadParameter(
-                f"the system has no element {wanted!r}{nearest(wanted, values)}; it has "
-                f"{', '.join(values)}"
-            )
+            hint = f"{nearest(wanted, values)}; it has {', '.join(values)}"
+            raise BadParameter(f"the system has no element {wanted!r}{hint}")
         variable, described = name[len(element) + 1 :], fmus[element].description
         check_names(element, [variable], settable_of(described))
         values[element][described.aliases.get(variable, variable)] = value
@@ -143,12 +118,10 @@ def _goal_of(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
     ]
     if not found:
         driven = {c.target for c in system.connections}
-        free = (SystemPort(e, n) for e in rest for n in fmus[e].inputs)
-        found = [
-            (p.connector, [_from_si(SystemConnection(SystemPort("", p.connector), p), None, fmus)])
-            for p in free
-            if p not in driven
-        ]
+        ports = (SystemPort(e, n) for e in rest for n in fmus[e].inputs)
+        free = ((p.connector, p) for p in ports if p not in driven)
+        drives = ((n, SystemConnection(SystemPort("", n), p)) for n, p in free)
+        found = [(n, [_from_si(c, None, fmus)]) for n, c in drives]
     short = [(name.rpartition(".")[2], drives) for name, drives in found]
     orders = set_point_orders([n for n, _ in short]).items()
     return tuple((c, order) for name, order in orders for n, own in short if n == name for c in own)
@@ -176,13 +149,9 @@ def _cut(
     system: SystemStructure, fmus: Fmus, plant: str, goal: Goal, how: HowCoupled
 ) -> tuple[tuple[Instance, Instance], Wiring, tuple[SystemConnection, ...]]:
     """Plant and controller, what joins them, and the commands without those of a law."""
+    at = [(c, (c.source.element == plant, c.target.element == plant)) for c in system.connections]
     own, measured, commands, inside = (
-        [
-            c
-            for c in system.connections
-            if (c.source.element == plant, c.target.element == plant) == e
-        ]
-        for e in ((True, True), (True, False), (False, True), (False, False))
+        [c for c, found in at if found == ends] for ends in product((True, False), repeat=2)
     )
     if not commands:
         raise FmuError(f"{system.path}: nothing drives {plant!r}, so it is used as the plant")
@@ -190,8 +159,8 @@ def _cut(
     goals = [c for c, _ in goal]
     into = [*measured, *goals]
     once = len({c.source for c in into}) == len(into)
-    plain = len(rest) == 1 and not inside and once and _as_is(into)
-    alone = _as_is(commands) and not own
+    plain = len(rest) == 1 and not inside and once and as_is(*into)
+    alone = as_is(*commands) and not own
     side: Instance = fmus[plant]
     if not alone:
         side = _grouped("plant", {plant: side}, own, commands)
@@ -216,32 +185,20 @@ def _cut(
     network, acting = bool(len(rest) > 1 or own), {c.source for c in commands}
     others = [SystemPort(e, n) for e, fmu in rest.items() for n in plain_outputs(fmu)]
     signals = [(c.source.connector if alone else str(c.source), taken(c)) for c in measured]
+    acted = [(theirs(c.source), c.target.connector if alone else str(c.source)) for c in main]
     fed = {taken(c): order for c, order in goal}
-    wiring = Wiring(
-        commands=tuple(
-            (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main
-        ),
-        signals=tuple(dict.fromkeys(signals)),
-        references=tuple(fed),
-        orders=tuple(fed.values()),
-        accepts_law=accepts,
-        reports_law=accepts and plain and all(pair in given for pair in pairs),
-        others=tuple(theirs(port) for port in others if network or port not in acting),
-        network=network,
-    )
+    joint = tuple(acted), tuple(dict.fromkeys(signals)), tuple(fed)
+    reports = accepts and plain and all(pair in given for pair in pairs)
+    seen = tuple(theirs(port) for port in others if network or port not in acting)
+    wiring = Wiring(*joint, accepts, reports, tuple(fed.values()), seen, network)
     return (side, controller), wiring, tuple(main)
-
-
-def _as_is(connections: Connections) -> bool:
-    """Whether no connection is scaled."""
-    return all((c.factor, c.offset) == AS_IS for c in connections)
 
 
 def _grouped(
     name: str, members: Mapping[str, Instance], inside: Connections, outside: Connections
 ) -> Group:
     """Elements as one instance; the sources of the connections from outside are its inputs."""
-    feeds, scales = [], dict[str, dict[str, Scale]]()
+    feeds, scales = [], dict[str, dict[str, tuple[float, float]]]()
     for c in (*inside, *outside):
         feeds.append(Feed(str(c.source), c.target.element, c.target.connector))
         scales.setdefault(c.target.element, {})[c.target.connector] = c.factor, c.offset
@@ -252,14 +209,11 @@ def _grouped(
 def _law(command: SystemConnection, measured: Connections) -> list[tuple[str, str]]:
     """The law's ports of a command, on the controller's side and on the plant's."""
     source, target = command.source.connector, command.target.connector
-    return [
-        (rate_port(source), rate_port(target)),
-        *(
-            (port(source, c.target.connector), port(target, c.source.connector))
-            for c in measured
-            for port in (gain_port, reference_port)
-        ),
-    ]
+    pairs = [(rate_port(source), rate_port(target))]
+    for c in measured:
+        for port in (gain_port, reference_port):
+            pairs.append((port(source, c.target.connector), port(target, c.source.connector)))
+    return pairs
 
 
 def _free_inputs(
@@ -270,14 +224,12 @@ def _free_inputs(
     driven |= {c.target for i in system.inputs for c in i.drives}
     fed = {main, *(c.target.element for c in system.connections)}
     for element, fmu in fmus.items():
-        law = law_ports(fmu.inputs, fmu.inputs, fmu.outputs)
-        for name in fmu.inputs:
-            port = SystemPort(element, name)
-            if port in driven or name in law or name in values[element]:
-                continue
+        known = {*values[element], *law_ports(fmu.inputs, fmu.inputs, fmu.outputs)}
+        ports = (SystemPort(element, n) for n in fmu.inputs if n not in known)
+        for port in (p for p in ports if p not in driven):
             if element not in fed and not measured:
                 raise FmuError(
                     f"{system.path}: nothing is connected to the input {port}, and no element has "
                     f"an output of {main!r} as its input; expected a closed loop"
                 )
-            yield free_input(name, element, fmu)
+            yield free_input(port.connector, element, fmu)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ STARTED = "t_step"  # the input with the time from which the terms count
 
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     """The compiled closed loop of two parts, with set-points as polynomials of time."""
-    return stored_loop("loop", lambda: whole_loop(plant, controller), plant, controller)
+    return stored_loop("loop", lambda: whole_loop(plant, controller), (plant, controller))
 
 
 def whole_loop(plant: str | Component, controller: str | Component) -> Component:
@@ -59,14 +59,10 @@ def whole_loop(plant: str | Component, controller: str | Component) -> Component
 
 
 def stored_loop(
-    kind: str,
-    make: Callable[[], Component],
-    plant: str | Component,
-    controller: str | Component,
-    *made_by: str,
+    kind: str, make: Callable[[], Component], parts: Sequence[str | Component], *made_by: str
 ) -> Kernel:
     """The compiled component of a loop, kept on disk under a kind; modules that `make` is in."""
-    (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
+    (p, of_plant), (c, of_controller) = map(kept_as, parts)
     return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *made_by, *of_plant, *of_controller)
 
 
@@ -102,9 +98,7 @@ def inputs_between(
     return times, inputs, np.isin(times, grid)
 
 
-def run_monolithic(
-    loop: Loop, step: float | None = None, progress: Progress | None = None
-) -> LoopRun:
+def run_monolithic(loop: Loop, step: float | None = None, progress: Progress = None) -> LoopRun:
     """Run the closed loop without FMUs, its outputs on a grid of this step [s].
 
     The run is made twice, with a hundredfold difference in tolerance; the difference of the results
@@ -114,36 +108,26 @@ def run_monolithic(
     kernel = _checked_kernel(loop)
     stop, step = loop.stop, step or min(FIRST_STEP, loop.stop)
     apart = max(BETWEEN, stop / MOST_POINTS)
-    check_memory(
-        # two courses, times, what is drawn
-        8.0 * (5 * len(kernel.outputs) + 6) * stop / min(step, apart),
-        f"{stop / step:.3g} communication steps need",
-        "use longer steps or a shorter motion",
-    )
-    models = [Model(kernel, loop.values, tolerance) for tolerance in (TIGHT, LOOSE)]
-    step = step_that_meets(period := models[0].sample_time, step)
+    columns = 5 * len(kernel.outputs) + 6  # two courses, times, what is drawn
+    needed, what = 8.0 * columns * stop / min(step, apart), f"{stop / step:.3g} communication steps"
+    check_memory(needed, f"{what} need", "use longer steps or a shorter motion")
+    tight, wide = (Model(kernel, loop.values, tolerance) for tolerance in (TIGHT, LOOSE))
+    step = step_that_meets(period := tight.sample_time, step)
     grid = np.minimum(np.arange(math.ceil(stop / step - ROUND_OFF) + 1) * step, stop)
     parts = math.ceil(step / apart - ROUND_OFF)
     finer = (grid[:-1, None] + step / parts * np.arange(parts)).ravel()
     finer = np.append(finer[finer < stop - ROUND_OFF * step], grid[-1])
     times, _ = loop.reference.between(finer, ())
-    (found, stopped), (loose, broken) = (
-        follow(model, loop.reference, times, FARTHEST, shown)
-        for model, shown in zip(models, (progress, None), strict=True)
-    )
+    found, stopped = follow(tight, loop.reference, times, FARTHEST, progress)
+    loose, broken = follow(wide, loop.reference, times, FARTHEST)
     time = times[: len(next(iter(found.values())))]
     rows = np.flatnonzero(np.isin(time, grid))
     steps = np.diff(time[rows])
     outputs = {n: y for n, y in found.items() if n != "u"}
     commands = {n: y for n, y in found.items() if n == "u"}
+    goal = loop.reference.on(time, 0)
     run = LoopRun(
-        time=time,
-        outputs=outputs,
-        commands=commands,
-        reference=loop.reference.on(time, 0),
-        coupling=None,
-        coupling_reason="as asked",
-        corrected=False,
+        *(time, outputs, commands, goal),
         residual_max=dict.fromkeys(commands, 0.0),
         effect_rate_max=dict.fromkeys(outputs, 0.0),
         macro_steps=len(rows) - 1,
@@ -153,28 +137,18 @@ def run_monolithic(
         units={o.name: o.unit for o in kernel.outputs},
         sampling_period=period,
     )
-    return replace(
-        run,
-        time=time[rows],
-        outputs={n: y[rows] for n, y in outputs.items()},
-        commands={n: y[rows] for n, y in commands.items()},
-        reference=run.reference[rows],
-        between=run,
-    )
+    shown, given = ({n: y[rows] for n, y in of.items()} for of in (outputs, commands))
+    fewer = replace(run, outputs=shown, commands=given, between=run)
+    return replace(fewer, time=time[rows], reference=goal[rows])
 
 
 def _checked_kernel(loop: Loop) -> Kernel:
     for part in (loop.plant, loop.controller):
         if not part.has_equations:
-            raise CouplingError(
-                f"without FMUs, the equations of {part} are needed, and an FMU has none; "
-                f"expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
-            )
+            expected = f"expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
+            raise CouplingError(f"without FMUs, the equations of {part} are needed; {expected}")
     if loop.coupling or loop.corrections or loop.mapping:
-        raise CouplingError(
-            "a loop without FMUs has no coupling, communication steps or ports; remove coupling, "
-            "corrections and mapped ports"
-        )
+        raise CouplingError("a loop without FMUs has no coupling, corrections, ports; remove them")
     loop.check_values()
     return loop_kernel(loop.plant.name, loop.controller.name)
 
@@ -184,7 +158,7 @@ def follow(
     reference: Reference,
     grid: Vector,
     farthest: float = math.inf,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> tuple[dict[str, Vector], str]:
     """Run a loop of `loop_kernel` from the model's present state over a grid of rising times [s].
 

@@ -55,16 +55,14 @@ def jumps(run: Vector) -> npt.NDArray[np.bool_]:
     return marked
 
 
-def around_jumps(
-    sides: Sides, step: float, breaks: Vector, run: Vector, distance: Vector
-) -> Vector:
+def around_jumps(sides: Sides, step: float, breaks: Vector, run: Vector, error: Vector) -> Vector:
     """Part of each output's jump that may belong on the other side of a communication point.
 
-    `run` (k, n) has the outputs at these points, `distance` (k, n) their largest error; steps of
+    `run` (k, n) has the outputs at these points, `error` (k, n) the largest of each; steps of
     this length also end at the times `breaks` [s].
     """
     around = np.zeros_like(run)
-    parts = {k: _parts(k, run, distance) for k in np.flatnonzero(jumps(run)).tolist()}
+    parts = {k: _parts(k, run, error) for k in np.flatnonzero(jumps(run)).tolist()}
     if not parts:
         return around
     seen = _seen_within(sides, step, breaks, len(run), parts)
@@ -131,7 +129,7 @@ def _seen_within(
     ends = [min(k * whole, last) for k in range(points + 1)]
     rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}
     all_rows = sorted({*ends[:points], *(row for within in rows.values() for row in within)})
-    clock = Clock(sides.stop, step / whole, breaks=breaks)
+    clock = Clock(sides.stop, step / whole, breaks)
     with closing(sides.best()) as pair:
         record = Record(pair, sides.reference, sides.wiring.orders, False)
         pair.begin()

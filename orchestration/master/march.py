@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from ...solver.arrays import Vector
 from ..fmu.fmu_instance import StepFailed
@@ -18,9 +18,8 @@ from .couplings import WITHOUT_FMUS, Coupling
 from .reference_signal import ROUND_OFF, Reference
 from .verdict import Verdict
 
-Progress = Callable[[float], None]
+Progress = Callable[[float], None] | None
 
-FINEST = 12  # adaptive steps of tangents go down to 2^-12 of the given one
 LONGEST_WAIT = 0.05  # s; after a chunk that took longer, the next one is shorter
 NEGLIGIBLE = 1e-7  # of the range: a smaller sum of effects is round-off
 UNKNOWN = 1e12  # like FARTHEST, for outputs without a known nominal value
@@ -35,16 +34,15 @@ class LoopRun:
     outputs: dict[str, Vector]  # of the plant, under the names they are mapped to
     commands: dict[str, Vector]  # of the controller, under the names of the plant's inputs
     reference: Vector
-    coupling: Coupling | None  # None: one system of equations, without FMUs
-    coupling_reason: str  # reason for the coupling, if it was chosen by rule
-    corrected: bool
     residual_max: dict[str, float]  # largest coupling residual of each command, in its unit
     effect_rate_max: dict[str, float]  # largest of the residual, per second; empty: not corrected
     macro_steps: int
     step_range: tuple[float, float]  # shortest and longest communication step [s]
     verdict: Verdict
     stopped: str = ""  # why the run ended early; empty if it did not
-    diverged: bool = False  # whether it ended because an output diverged
+    coupling: Coupling | None = None  # None: one system of equations, without FMUs
+    coupling_reason: str = "as asked"  # reason for the coupling, if it was chosen by rule
+    corrected: bool = False
     others: dict[str, Vector] = field(default_factory=dict)  # further outputs of the controller
     units: dict[str, str] = field(default_factory=dict)  # as far as the parts declare them
     sampling_period: float = 0.0  # of the controller and its instruments [s]; 0: not sampled
@@ -67,20 +65,17 @@ class Clock:
     """State of a run in time, from zero to `stop`, with steps of a length [s].
 
     Communication points are multiples of one tick, so that time does not drift. A step must also
-    end at each of the rising `breaks` [s]. With `adaptive`, shorter steps are possible.
+    end at each of the rising `breaks` [s]. A step may be shortened to 2^-`finer` of the length.
     """
 
-    def __init__(
-        self, stop: float, step: float, adaptive: bool = False, breaks: npt.ArrayLike = ()
-    ) -> None:
-        size = 2**FINEST if adaptive else 1
-        tick = step / size
+    def __init__(self, stop: float, step: float, breaks: ArrayLike = (), finer: int = 0) -> None:
+        tick = step / 2**finer
         close = max(ROUND_OFF * step, 1e-14 * stop)
         times = np.asarray(breaks, dtype=float)
         times = times[(times > close) & (times < stop - close)]
         self.whole = struct("Clock")
         self.whole.set(tick=tick, stop=stop, last=max(1, math.ceil(stop / tick - 1e-9)))
-        self.whole.set(longest=size, stride=size, shortest_used=math.inf)
+        self.whole.set(longest=2**finer, stride=2**finer, shortest_used=math.inf)
         self.whole.set(close=close, breaks=times[np.diff(times, prepend=0.0) > close])
 
     @property
@@ -135,8 +130,7 @@ class Record:
         self.whole = struct("Course")
         self.whole.set(**dict(zip(("times", "references", "commands"), self._room, strict=True)))
         self.whole.set(residual=self.residual, effect_rate=self.effect_rate)
-        self.whole.set(nominal=nominal, bounds=self.bounds)
-        self.whole.set(low=outputs.copy(), high=outputs.copy())
+        self.whole.set(nominal=nominal, bounds=self.bounds, low=outputs.copy(), high=outputs.copy())
         self.whole.set(goal_times=np.ascontiguousarray(reference.times, dtype=float))
         pieces = np.stack([reference.pieces(k) for k in shown], axis=1)
         self.whole.set(goal_pieces=pieces.ravel())
@@ -144,7 +138,7 @@ class Record:
         self._goal, *start = reference.all_at(0.0, shown)
         self.start = np.array(start)
         self._chunks: list[Sequence[Vector]] = []
-        self.advice, self.diverged = UNBOUNDED, False
+        self.advice = UNBOUNDED
 
     def begin(self, commands: Vector) -> None:
         """Record the start."""
@@ -182,7 +176,7 @@ def march_on(
     clock: Clock,
     record: Record,
     co_run: CoupledPair | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> None:
     """Move a loop, and its co-run, to the clock's end; a failure ends it early."""
     record.begin(run.commands("command_now", 0.0, clock.step_to_come, record.start, False))
@@ -197,7 +191,6 @@ def march_on(
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
             progress(clock.now)
-    record.diverged = why is Why.DIVERGES
     if why is Why.STEP_FAILED:
         error = run.error()
         run.failure = f"{error} (in the step from t = {clock.now:.6g} s)"

@@ -25,9 +25,7 @@ HOPELESS = 10.0  # times the allowed error: no finer rung follows
 FEWEST = 3  # rungs that show whether runs converge
 
 
-def run_loop(
-    sides: Sides, step: float, *, progress: Progress | None = None, look: bool = True
-) -> LoopRun:
+def run_loop(sides: Sides, step: float, *, progress: Progress = None, look: bool = True) -> LoopRun:
     """Run a closed loop of two FMU instances.
 
     Parameters
@@ -152,11 +150,8 @@ def _ended(runs: Runs, tried: list[LoopRun], most: int) -> str:
     if count >= LEVELS:
         return f"{count} steps were tried"
     if (to_come := 2 * run.macro_steps) > most:
-        step = runs.step(count)
-        return (
-            f"a step of {step:g} s makes {to_come} steps, and at most {most} are tried; "
-            "give this step to use it"
-        )
+        step, tries = runs.step(count), f"at most {most} are tried; give this step to use it"
+        return f"a step of {step:g} s makes {to_come} steps, and {tries}"
     return ""
 
 
@@ -164,10 +159,8 @@ def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
     """Return a run of FMUs that accept only this step [s], with advice that fits, and the step."""
     verdict = run.verdict
     if not verdict.trusted and verdict.step_helps and not run.stopped:
-        advice = (
-            f"its FMUs take steps of {step:g} s only: export them with a shorter step, "
-            "or with variable steps"
-        )
+        only = f"its FMUs take steps of {step:g} s only"
+        advice = f"{only}: export them with a shorter step, or with variable steps"
         run = replace(run, verdict=replace(verdict, advice=advice, step_helps=False))
     tried = ((step, verdict.word),)
     return run, StepChoice(step, "the only one that its FMUs accept", tried)

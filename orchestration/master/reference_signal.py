@@ -80,15 +80,12 @@ class Reference:
         """
         try:
             tables = read_tables(Path(path))
-            fitting = [
-                t for t in tables if {"time", SET_POINT} <= t.columns.keys() | t.faults.keys()
-            ]
-            if len(fitting) != 1:
-                there = "; ".join(listed(t.columns) for t in fitting or tables)
-                raise BadParameter(
-                    f"{path}: has the columns {there}, expected one table with time and x_d"
-                )
-            table = rename(fitting[0], {}, list(_QUANTITIES), ())
+            fit = [t for t in tables if {"time", SET_POINT} <= t.columns.keys() | t.faults.keys()]
+            if len(fit) != 1:
+                there = "; ".join(listed(t.columns) for t in fit or tables)
+                expected = "expected one table with time and x_d"
+                raise BadParameter(f"{path}: has the columns {there}, {expected}")
+            table = rename(fit[0], {}, list(_QUANTITIES), ())
         except BadRecord as error:
             raise BadParameter(str(error)) from error
         given = {n: c * _size(path, n, table.units.get(n, "")) for n, c in table.columns.items()}
@@ -118,10 +115,8 @@ class Reference:
         """A note if it does not move until a time [s]."""
         if len(self.times) == 1 or self.times[0] < stop:
             return ()
-        return (
-            f"the set-point does not change within this run of {stop:g} s: its first point is at "
-            f"{self.times[0]:g} s",
-        )
+        first = f"its first point is at {self.times[0]:g} s"
+        return (f"the set-point does not change within this run of {stop:g} s: {first}",)
 
     def at(self, t: float) -> float:
         return float(self.all_at(t, (0,))[0])

@@ -36,7 +36,7 @@ class Runs:
         If a part rejects its parameters or initial values.
     """
 
-    def __init__(self, sides: Sides, first: float, progress: Progress | None = None) -> None:
+    def __init__(self, sides: Sides, first: float, progress: Progress = None) -> None:
         self.sides, self._progress = sides, progress
         self._main: CoupledPair | None = sides.main()
         self._reason = sides.reason_of(self._main)
@@ -149,7 +149,7 @@ class Runs:
             if gain < (WORST_CONTRACTION if corrects else 1.0):
                 return run
             found = f"has a loop gain of {gain:.3g}"
-        reason = (
+        why = (
             "the plant's outputs and the controller's commands depend on each other without "
             f"delay: this algebraic loop {found}, and a shorter step does not help"
         )
@@ -157,9 +157,7 @@ class Runs:
             "let the plant update its outputs as soon as its inputs are set, as in model exchange, "
             "add a filter or a delay to the loop, or combine the two FMUs into one"
         )
-        verdict = replace(
-            run.verdict, trusted=False, reason=reason, advice=advice, step_helps=False
-        )
+        verdict = replace(run.verdict, trusted=False, reason=why, advice=advice, step_helps=False)
         return replace(run, verdict=verdict)
 
     def _alone(self, pair: CoupledPair, level: int) -> Rung:
@@ -173,13 +171,11 @@ class Runs:
         pairs = [main, best] if best else [main]
         # each row exists twice while the chunks are joined; verdict and pictures need more columns
         columns = len(main.outputs) * (len(pairs) + 1) + len(main.given) + len(main.other_names) + 2
-        check_memory(
-            8.0 * (2 * columns + 3 * len(main.outputs)) * sides.stop / step,
-            f"{sides.stop / step:.3g} communication steps need",
-            "use longer communication steps or a shorter run",
-        )
+        size, count = 8.0 * (2 * columns + 3 * len(main.outputs)), sides.stop / step
+        remedy = "use longer communication steps or a shorter run"
+        check_memory(size * count, f"{count:.3g} communication steps need", remedy)
         record = Record(main, sides.reference, sides.wiring.orders)
-        clock = Clock(sides.stop, step, breaks=self._breaks)
+        clock = Clock(sides.stop, step, self._breaks)
         try:
             march_on(main, clock, record, best, self._progress)
         finally:
@@ -197,28 +193,19 @@ class Runs:
         sides, stopped = self.sides, main.failure
         times, references, commands = record.courses()
         outputs, others = np.split(np.concatenate(main.rows), [len(self._outputs)], axis=1)
-        effects = dict(zip(self._outputs, record.effect_rate.tolist(), strict=True))
         advice = record.advice if stopped else self._advice(main, commands, clock)
         contraction = record.contraction if sides.reversible else np.nan
         prefix = "" if sides.wiring.network else f"{CONTROLLER}."
-        return LoopRun(
-            time=times,
-            outputs={n: outputs[:, k] for k, n in enumerate(self._outputs)},
-            commands={n: commands[:, k] for k, n in enumerate(self._commands)},
-            reference=references,
-            coupling=sides.scheme,
-            coupling_reason=self._reason,
-            corrected=main.corrected,
-            residual_max=dict(zip(self._commands, record.residual.tolist(), strict=True)),
-            effect_rate_max=effects if sides.reversible else {},
-            macro_steps=len(commands) - 1,
-            step_range=clock.used,
-            verdict=Verdict(False, stopped or "it was not judged", advice, {}, contraction),
-            stopped=stopped,
-            diverged=record.diverged,
-            others={f"{prefix}{n}": others[:, k] for k, n in enumerate(main.other_names)},
-            sampling_period=self._period,
-        )
+        verdict = Verdict(False, stopped or "it was not judged", advice, {}, contraction)
+        shown = {n: outputs[:, k] for k, n in enumerate(self._outputs)}
+        given = {n: commands[:, k] for k, n in enumerate(self._commands)}
+        seen = {f"{prefix}{n}": others[:, k] for k, n in enumerate(main.other_names)}
+        residual = dict(zip(self._commands, record.residual.tolist(), strict=True))
+        effects = dict(zip(self._outputs, record.effect_rate.tolist(), strict=True))
+        known = times, shown, given, references, residual, effects if sides.reversible else {}
+        run = LoopRun(*known, len(commands) - 1, clock.used, verdict, stopped, sides.scheme)
+        run = replace(run, coupling_reason=self._reason, corrected=main.corrected, others=seen)
+        return replace(run, sampling_period=self._period)
 
     def _advice(self, main: CoupledPair, commands: Vector, clock: Clock) -> str:
         """What to do about a residual that is too large.

@@ -22,14 +22,11 @@ import numpy.typing as npt
 from ...solver.arrays import Vector
 
 ACCURACY = 0.01  # largest share of an output's range that its estimated error may be
-WORST_CONTRACTION = 0.5
-"""Largest share of the coupling residual that a correction may leave in an algebraic loop."""
+WORST_CONTRACTION = 0.5  # share of the residual that a correction may leave in an algebraic loop
 CONVERGES = 0.7  # largest ratio of two successive moves of runs that converge
+# shares of the allowed error: a move below the first, after one below the second, may be round-off
 NEGLIGIBLE = 0.01, 0.1
-"""Shares of the allowed error; a move below the first, after one below the second, may be
-round-off, whose ratio says nothing."""
-AT_A_QUARTER = 2.0
-"""What is to come after a rung with a quarter of the step, as a multiple of the last move."""
+AT_A_QUARTER = 2.0  # last moves that are to come after a rung with a quarter of the step
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import pytest
 from ballscrew.loop_results import units_of_figures
 from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.shown import length, quantity, shown_unit
-from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.march import LoopRun
 from ballscrew.orchestration.master.verdict import Verdict
 from ballscrew.result import in_turning_units
@@ -18,9 +17,6 @@ def course(time, x, u, goal):
         outputs={"x": x},
         commands={"u": u},
         reference=np.broadcast_to(goal, time.shape),
-        coupling=Coupling.INTERFACE_JACOBIAN,
-        coupling_reason="",
-        corrected=False,
         residual_max={},
         effect_rate_max={},
         macro_steps=len(time) - 1,

@@ -33,7 +33,7 @@ class MadeUp:
         time, step = np.linspace(0.0, 1.0, 201), self.step(level)
         x = time + self.error(level) * np.sin(np.pi * time) + self.jump * (time > 0.5)
         verdict = Verdict(False, "its own", UNBOUNDED)
-        how = Coupling.JACOBI, "", False, {}, {}, 200, (step, step), verdict, stopped
+        how = {}, {}, 200, (step, step), verdict, stopped, Coupling.JACOBI
         return LoopRun(end * time, {"x": x}, {"u": x}, 0.0 * x, *how)
 
     def rung(self, level):
