@@ -218,7 +218,7 @@ class Export:
 
     def write(self, part: str, path: Path, folder: Path) -> NativeFmu:
         """Write a part, its loop or, by the suffix, a system, whose FMUs are in `folder`."""
-        from .orchestration.loop.catalogue import in_units_of
+        from .controllers import in_units_of
         from .plant.instruments import PartName
 
         plant = self.plant or (

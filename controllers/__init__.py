@@ -1,8 +1,10 @@
 """The controllers that are exported by name. To add one, add a file and a line here."""
 
+from dataclasses import replace
 from importlib import import_module
 
-from ..plant.instruments import PartName
+from ..plant import NOMINAL
+from ..plant.instruments import INSTRUMENTS, PartName
 
 CONTROLLERS = {
     "iol": "ballscrew.controllers.linearization:input_output_linearization",
@@ -46,3 +48,12 @@ def tunable(name: str) -> dict[str, tuple[float, float]]:
         linearizing = law in CONTROLLERS and is_linearizing(getattr(made, function)())
         ranges |= {} if linearizing else TUNABLE
     return ranges
+
+
+def in_units_of(part: str, plant: str) -> str:
+    """A built-in controller or instrument in the units of a built-in drive: ``pid+torque``."""
+    drive, named = PartName.of(plant), PartName.of(part)
+    if named.bare not in CONTROLLERS | INSTRUMENTS or named.units:
+        return part
+    turns = ("rotary",) * drive.bare.startswith(NOMINAL["rotary_drive"])
+    return str(replace(named, units=(*turns, *drive.units)))

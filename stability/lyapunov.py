@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from ..orchestration.fmu.limits import TOLERANCE
 from ..orchestration.loop.loop import Loop
-from ..orchestration.loop.whole_loop import loop_kernel, model_of, stored_loop, whole_loop
+from ..orchestration.loop.whole_loop import loop_kernel, stored_loop, whole_loop
 from ..solver.arrays import Vector
-from ..solver.core import REACHED
+from ..solver.core import REACHED, System
 from ..solver.files import write_atomically, write_json
 from ..solver.for_tangents import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
@@ -369,6 +369,15 @@ def held_loop_kernel(
 
     kind = f"{'averaged' if averaged else 'held'}_loop"
     return stored_loop(kind, make, (plant, controller), __name__)
+
+
+def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
+    """A loop's equations around its constant set-point; `system`, if given, is used again."""
+    model = Model(kernel, loop.values, tolerance, system)
+    for i in kernel.inputs:
+        if i.role == "reference":
+            model.set_input(i.name, loop.set_point)
+    return model
 
 
 def loop_maker(loop: Loop, averaged: bool = False) -> Maker:

@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +16,17 @@ from ..orchestration.fmu.fmu_instance import FmuInstance
 from ..orchestration.fmu.isolated import IsolatedInstance, open_fmu
 from ..orchestration.fmu.trials import check_state
 from ..orchestration.fmu.wiring import PLANT, names_on, with_aliases
-from ..orchestration.loop.catalogue import ready_fmu
+from ..orchestration.loop.catalogue import (
+    catalogued_model,
+    fmu_kernel,
+    kept_fmu,
+    stored_fmu,
+    way_of_making,
+)
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.parts import Part
 from ..solver.arrays import Vector
+from ..solver.compilers import CompilerFailed, compiler_for, own_platform
 from ..solver.errors import FmuError, UserError
 from ..solver.spectrum import Spectrum
 from .attractor import Attractor, Kind
@@ -27,6 +35,7 @@ from .lyapunov import SAMPLES, LyapunovRun, Watching, held_loop_kernel, loop_lya
 from .tangent_sides import ordinary
 from .tangents_over_fmus import ACCURACY, TangentRun, follow_over_fmus
 
+NATIVE, READABLE = "native", "readable"
 _Instance = FmuInstance | IsolatedInstance
 
 FINER = 0.1  # of the accuracy of the tangents, with half the step: the change is the error
@@ -168,6 +177,25 @@ def _opened(loop: Loop) -> Iterator[_Parts]:
         if builds["plant"] != builds["controller"]:
             description = f"plant: {builds['plant']} FMU, controller: {builds['controller']} FMU"
         yield _Parts(instances["plant"], instances["controller"], description)
+
+
+def ready_fmu(name: str, tangents: int = 0) -> tuple[Path, str]:
+    """As `fmu`, and its build: `NATIVE` if there is a C compiler, else `READABLE`."""
+    kernel = fmu_kernel(name, tangents=tangents)
+
+    def write(path: Path) -> None:
+        from ..fmus.native.export import write_native
+
+        platform = own_platform()
+        if not platform or not compiler_for(platform):
+            raise CompilerFailed("there is no C compiler")
+        write_native(catalogued_model(name, tangents=tangents), path, 2, [platform])
+
+    try:
+        content = kernel.to_json() + way_of_making()
+        return kept_fmu(f"{kernel.name}_native", content, write), NATIVE
+    except CompilerFailed:
+        return stored_fmu(kernel), READABLE
 
 
 def signal_motion(

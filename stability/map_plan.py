@@ -15,7 +15,6 @@ import numpy as np
 from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS, check_memory
 from ..orchestration.loop.catalogue import kept_as
 from ..orchestration.loop.loop import Loop
-from ..orchestration.loop.whole_loop import model_of
 from ..orchestration.master.reference_signal import Reference
 from ..solver.arrays import Vector
 from ..solver.core import System
@@ -25,7 +24,7 @@ from ..solver.signals import Parameter
 from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Kind
 from .classify import classify_attractor
-from .lyapunov import BITS, held_loop_kernel
+from .lyapunov import BITS, held_loop_kernel, model_of
 
 Columns = dict[str, list[Any]]
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured

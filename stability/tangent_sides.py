@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
+from ..orchestration.fmu.compiled import Bound, Struct, struct
 from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Stepped, Writer
 from ..orchestration.fmu.wiring import Wiring
-from ..orchestration.master.compiled import Bound, Struct, struct
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..solver.arrays import Vector
 from ..solver.errors import FmuError
@@ -127,7 +127,7 @@ class ProbedController(Side):
     def _law(self) -> Vector:
         signals, n = self._signals, self.side.n
         out = np.zeros((len(signals), 2 + n))
-        out[0] = self.side.law_at(self._t, self._h, signals[0], self._reference)
+        self.side.ask("law_at", self._t, self._h, signals[0], self._reference, True, out[0])
         out[1:, 0] = signals[1:] @ out[0, 1 : 1 + n] + self._added
         if self.states:  # change of the state within the step, by the rates from the last step
             out[1:, 1 + n] = self._fades * self._added + signals[1:] @ self._driven
@@ -143,7 +143,7 @@ class ProbedController(Side):
                 )
             strongest = self._note_rates(h, responses, fading)
             self._added = strongest * self._added + signals[1:] @ responses
-        self.side.advance(t, h, signals[0], self._reference)
+        self.side.ask("advance", t, h, signals[0], self._reference)
         self._t, self._h = t + h, h
 
     def save(self) -> Any:
@@ -175,8 +175,9 @@ class ProbedController(Side):
 
         def command(moved: Vector, steps: int) -> float:
             for k in range(steps):
-                self.side.advance(t + k * h, h, moved if k == 0 else signals, reference)
-            value = self.side.command_at(signals, reference)
+                self.side.ask("advance", t + k * h, h, moved if k == 0 else signals, reference)
+            value = np.empty(1)
+            self.side.ask("command_at", signals, reference, value)
             self.instance.restore(state)
             return float(value[0])
 

@@ -24,11 +24,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..fmus.ports import tangent_port
+from ..orchestration.fmu.compiled import Bound, Why, call, failure_of, struct
 from ..orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ..orchestration.fmu.group import initialize
 from ..orchestration.fmu.isolated import IsolatedInstance
 from ..orchestration.fmu.wiring import CONTROLLER, PLANT, Wiring, convert, names_on, wire
-from ..orchestration.master.compiled import Bound, Why, call, failure_of, struct
 from ..orchestration.master.march import Clock, bounds
 from ..solver.arrays import Matrix, Vector
 from ..solver.errors import FmuError

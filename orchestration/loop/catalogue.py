@@ -22,10 +22,9 @@ from ... import fmus, solver
 from ...controllers import ALONE, CONTROLLERS
 from ...fmus.carried_runtime import carried_runtime
 from ...fmus.made_here import is_kept, keep
-from ...plant import NOMINAL, PLANTS
+from ...plant import PLANTS
 from ...plant.instruments import INSTRUMENTS, PartName, in_units
 from ...solver import kernel_cache
-from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.component_file import load_component, names_file
 from ...solver.errors import UnknownName, did_you_mean
 from ...solver.kernel import Kernel
@@ -47,7 +46,6 @@ _ADDED = (
     "ballscrew.plant.instruments.measured_through",
     "ballscrew.plant.instruments.sample_and_hold",
 )
-NATIVE, READABLE = "native", "readable"
 
 
 def component(part: str | Component) -> Component:
@@ -70,15 +68,6 @@ def component(part: str | Component) -> Component:
         return load_component(part)
     module, _, function = _place_of(part).partition(":")
     return cast("Component", getattr(importlib.import_module(module), function)())
-
-
-def in_units_of(part: str, plant: str) -> str:
-    """A built-in controller or instrument in the units of a built-in drive: ``pid+torque``."""
-    drive, named = PartName.of(plant), PartName.of(part)
-    if named.bare not in CONTROLLERS | INSTRUMENTS or named.units:
-        return part
-    turns = ("rotary",) * drive.bare.startswith(NOMINAL["rotary_drive"])
-    return str(replace(named, units=(*turns, *drive.units)))
 
 
 def name_of(part: str | Component) -> str:
@@ -167,10 +156,10 @@ def stored_fmu(kernel: Kernel, everywhere: bool = False) -> Path:
 
         export_kernel(kernel, path, everywhere)
 
-    return _kept(kernel.name, content, write)
+    return kept_fmu(kernel.name, content, write)
 
 
-def _kept(name: str, content: str, write: Callable[[Path], object]) -> Path:
+def kept_fmu(name: str, content: str, write: Callable[[Path], object]) -> Path:
     """Path of an FMU in the user's cache; written if it does not exist yet."""
     path = kernel_cache.entry(kernel_cache.FMUS, f"{kernel_cache.hashed_name(name, content)}.fmu")
     return path if is_kept(path) else keep(path, lambda: write(path))
@@ -191,27 +180,8 @@ def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) 
     return NativeModel(kernel, stored_kernel(stored, make))
 
 
-def ready_fmu(name: str, tangents: int = 0) -> tuple[Path, str]:
-    """As `fmu`, and its build: `NATIVE` if there is a C compiler, else `READABLE`."""
-    kernel = fmu_kernel(name, tangents=tangents)
-
-    def write(path: Path) -> None:
-        from ...fmus.native.export import write_native
-
-        platform = own_platform()
-        if not platform or not compiler_for(platform):
-            raise CompilerFailed("there is no C compiler")
-        write_native(catalogued_model(name, tangents=tangents), path, 2, [platform])
-
-    try:
-        content = kernel.to_json() + _way_of_making()
-        return _kept(f"{kernel.name}_native", content, write), NATIVE
-    except CompilerFailed:
-        return stored_fmu(kernel), READABLE
-
-
 @cache
-def _way_of_making() -> str:
+def way_of_making() -> str:
     """Hash of everything except the equations that affects the FMU: Python and C sources."""
     digest = hashlib.sha256(fingerprint(_NATIVE).encode())
     for folder in (resources.files(fmus) / "native" / "c", resources.files(solver) / "c"):

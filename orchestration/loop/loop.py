@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar, cast
 
-from ...controllers import CONTROLLERS
+from ...controllers import CONTROLLERS, in_units_of
 from ...fmus.interface import SOLVER_TOLERANCE, START
 from ...plant import DESCRIBED
 from ...plant.instruments import PartName
@@ -22,7 +22,6 @@ from ...solver.signals import START_VALUE
 from ..fmu import limits
 from ..master.couplings import WITHOUT_FMUS, Coupling
 from ..master.reference_signal import Reference
-from .catalogue import in_units_of
 from .parameter_file import FMU, Known, ParameterFile, Value, check_values, readable
 from .parameter_file import Values as FileValues
 from .parts import Part, PartLike, in_practice, resolve

@@ -15,8 +15,8 @@ from ...solver.errors import CouplingError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ...solver.signals import REFERENCES, set_point_orders
 from ...solver.stored import stored_kernel
+from ..fmu.compiled import FARTHEST
 from ..fmu.limits import FIRST_STEP, check_memory
-from ..master.compiled import FARTHEST
 from ..master.march import LoopRun, Progress
 from ..master.reference_signal import ROUND_OFF, TERMS, Reference
 from ..master.sides import step_that_meets
@@ -25,7 +25,6 @@ from .catalogue import NAMES, component, kept_as
 
 if TYPE_CHECKING:
     from ...solver.component import Component
-    from ...solver.core import System
     from .loop import Loop
 
 
@@ -64,15 +63,6 @@ def stored_loop(
     """The compiled component of a loop, kept on disk under a kind; modules that `make` is in."""
     (p, of_plant), (c, of_controller) = map(kept_as, parts)
     return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *made_by, *of_plant, *of_controller)
-
-
-def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
-    """A loop's equations around its constant set-point; `system`, if given, is used again."""
-    model = Model(kernel, loop.values, tolerance, system)
-    for i in kernel.inputs:
-        if i.role == "reference":
-            model.set_input(i.name, loop.set_point)
-    return model
 
 
 def term_name(name: str, power: int) -> str:

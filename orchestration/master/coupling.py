@@ -27,9 +27,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...solver.arrays import Matrix, Vector
+from ..fmu.compiled import OWN_STEP, Bound, Guarded, Struct, ask, failure_of, struct
 from ..fmu.fmu_instance import Instance, StepFailed
 from ..fmu.wiring import Wiring
-from .compiled import OWN_STEP, Bound, Guarded, Struct, ask, failure_of, struct
 from .couplings import Coupling
 
 CHUNK = 4096  # most steps between two checks of the elapsed time
@@ -81,29 +81,14 @@ class ControllerSide:
     def _follows(self, signals: Vector, reference: Vector) -> bool:
         """Whether the output has direct feedthrough."""
         law = np.zeros(self.m * (2 + self.n))
-        self._ask("command_at", signals, reference, law)
-        self._ask("probe_gains", 0.0, 0.0, signals, reference, law)
-        self._ask("set_inputs", signals, reference)
+        self.ask("command_at", signals, reference, law)
+        self.ask("probe_gains", 0.0, 0.0, signals, reference, law)
+        self.ask("set_inputs", signals, reference)
         return bool(law[self.m :].any())
 
-    def _ask(self, function: str, *arguments: Vector | float) -> None:
+    def ask(self, function: str, *arguments: Vector | float) -> None:
+        """Call a function ``master_...`` of ``c/controller.c``."""
         ask([self.bound], function, self._side, *arguments)
-
-    def command_at(self, signals: Vector, reference: Vector) -> Vector:
-        """Set the inputs and read the commands."""
-        commands = np.empty(self.m)
-        self._ask("command_at", signals, reference, commands)
-        return commands
-
-    def law_at(self, t: float, h: float, signals: Vector, reference: Vector) -> Vector:
-        """The law at the given signals: commands, their derivatives, and rates, (m (2 + n),)."""
-        law = np.zeros(self.m * (2 + self.n))
-        self._ask("law_at", t, h, signals, reference, True, law)
-        return law
-
-    def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
-        """Move the controller from t to t + h with these signals held."""
-        self._ask("advance", t, h, signals, reference)
 
 
 class CoupledPair:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.arrays import Vector
-from .compiled import Why
+from ..fmu.compiled import Why
 from .coupling import CHUNK
 from .march import Clock, Record, march
 from .sides import Sides

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...solver.arrays import Vector
+from ..fmu.compiled import FARTHEST, Why, call, struct
 from ..fmu.fmu_instance import StepFailed
-from .compiled import FARTHEST, Why, call, struct
 from .coupling import CHUNK, CoupledPair
 from .couplings import WITHOUT_FMUS, Coupling
 from .reference_signal import ROUND_OFF, Reference

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...controllers import in_units_of
 from ...plant.instruments import LIMIT, OWN_LIMIT, UNLIMITED, limit_of
 from ...solver.errors import UserError
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.signals import Parameter
-from ..loop import catalogue
 from ..loop.catalogue import component
 from ..loop.loop import Loop, of_side
 from ..loop.parts import Part, check_names, check_range
@@ -224,7 +224,7 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     from ...plant.instruments.measured_through import measured_through
     from ...plant.instruments.sample_and_hold import PERIOD, sampled
 
-    controller = component(catalogue.in_units_of(entrant.component, plan.plant))
+    controller = component(in_units_of(entrant.component, plan.plant))
     if not plan.period:
         return controller
     period = replace(PERIOD, default=plan.period, source="the study")
@@ -232,6 +232,6 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
         controller = sampled(controller, period, plan.delay)
     elif controller.sample_time:
         controller = replace(controller, sample_time=period)
-    names = (catalogue.in_units_of(name, plan.plant) for name in plan.instruments)
+    names = (in_units_of(name, plan.plant) for name in plan.instruments)
     parts = [replace(i, sample_time=i.sample_time and period) for i in map(component, names)]
     return measured_through(controller, parts) if parts else controller

@@ -19,19 +19,17 @@ from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus import carried_runtime, source_fmu
 from ballscrew.fmus.native.export import NativeFmu
-from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import (
     NAMES,
-    NATIVE,
-    READABLE,
     component,
     fmu,
     fmu_kernel,
-    ready_fmu,
 )
 from ballscrew.part_api import Export
 from ballscrew.solver import compilers
 from ballscrew.solver.kernel import Model
+from ballscrew.stability import lyapunov_over_fmus
+from ballscrew.stability.lyapunov_over_fmus import NATIVE, READABLE, ready_fmu
 
 
 def export(*arguments):
@@ -162,7 +160,7 @@ def test_a_native_fmu_is_made_once_and_a_readable_one_taken_where_nothing_compil
 ):
     made = ready_fmu("pid")
     assert made[1] == NATIVE
-    monkeypatch.setattr(catalogue, "compiler_for", lambda _: [])
+    monkeypatch.setattr(lyapunov_over_fmus, "compiler_for", lambda _: [])
     assert ready_fmu("pid") == made  # it is there already
     monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path))
     assert ready_fmu("pid") == (fmu("pid"), READABLE)

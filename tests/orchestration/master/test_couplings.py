@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import expm
 from verdict.parts import LawSlave, LinearSlave, law_inputs
 
+from ballscrew.orchestration.fmu import compiled
 from ballscrew.orchestration.fmu.fmu_instance import StepFailed
-from ballscrew.orchestration.master import compiled
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.march import UNKNOWN
 from ballscrew.orchestration.master.master import choose_step, judged, run_loop

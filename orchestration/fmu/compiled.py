@@ -26,9 +26,9 @@ import numpy.typing as npt
 
 from ...solver.arrays import Vector
 from ...solver.core import SUFFIX
-from ..fmu.fmi_versions import ERROR, OK, STATE, STEP
-from ..fmu.fmu_instance import ENTRY_POINTS, MOVE, FmuInstance, Instance, Stepped
-from ..fmu.group import Group
+from .fmi_versions import ERROR, OK, STATE, STEP
+from .fmu_instance import ENTRY_POINTS, MOVE, FmuInstance, Instance, Stepped
+from .group import Group
 
 USES = 2  # uses of saved states
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
@@ -38,7 +38,7 @@ Why = IntEnum("Why", "GOES_ON STEP_FAILED DIVERGES", start=0)
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)  # fmi2SetReal
 
-_FOLDER = Path(__file__).parent / "c"
+_FOLDER = Path(__file__).parents[1] / "master" / "c"
 _SOURCES = "calls.h controller.c coupling.c clock.c joint_step.c group.c master.c".split()
 _SIZED = "Loop Course Clock Joint Trail Group Member".split()
 
