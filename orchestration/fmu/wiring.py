@@ -129,7 +129,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.outputs)}; map one of them: THEIRS=OURS"
         )
-    free = {ours[n]: n for n in controller.inputs if n not in {n for _, n in signals}}
+    measures = {n for _, n in signals}
+    free = {ours[n]: n for n in controller.inputs if n not in measures}
     taken = set_point_orders([*free])
     if free and not taken:
         raise CouplingError(
@@ -193,11 +194,11 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
     of_controller = ((CONTROLLER, own) for own in (controller.inputs, controller.outputs))
     for side, group in ((PLANT, ports[PLANT]), *of_controller):
         called = names_on(side, group, mapping)
-        for theirs, ours in called.items():
+        for theirs, ours in ((t, o) for t, o in called.items() if t != o):
             others = [f"{side}'s port {n!r}" for n in called if called[n] == ours and n != theirs]
             if side == PLANT and ours in COLUMNS:
                 others.append("a column of the results")
-            if ours != theirs and others:
+            if others:
                 raise CouplingError(
                     f"mapping: {theirs}={ours} has the same name as {others[0]}; map one of them "
                     "to an unused name"
