@@ -90,7 +90,7 @@ def forget_other_builds() -> None:
 def compile_core() -> str:
     """Compile the libraries with the system's compiler; this platform, as a wheel names it."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-    more = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
+    more = ["-lws2_32"] if sys.platform == "win32" else ["-fPIC", "-lm"]
     for source, name in LIBRARIES.items():
         made = (TOP / source).with_name(name + suffix)
         command = [system_compiler(), *FLAGS, "-o", str(made), str(TOP / source), *more]

@@ -41,7 +41,7 @@ _OLD = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
 _WHEELS = "manylinux_2_17_x86_64 manylinux_2_17_aarch64", "macosx_11_0_x86_64 macosx_11_0_arm64"
 _SYSTEMS = {
     "linux": (".so", "linux-gnu.2.17", ("-fPIC", "-lm"), _WHEELS[0].split()),
-    "windows": (".dll", "windows-gnu", (), ["win_amd64", "win_arm64"]),
+    "windows": (".dll", "windows-gnu", ("-lws2_32",), ["win_amd64", "win_arm64"]),
     "darwin": (".dylib", "macos.11.0", ("-fPIC",), _WHEELS[1].split()),
 }
 

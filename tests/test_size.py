@@ -17,10 +17,10 @@ ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (5940, 5290),
     "plant": (1686, 1407),
-    "controllers": (1207, 948),
+    "controllers": (1216, 956),
     "fmus": (4974, 4446),
-    "orchestration": (8803, 7698),
-    "stability": (2770, 2267),
+    "orchestration": (9116, 8000),
+    "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
     "measurement": (10557, 9233),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21930, 20931),
+    "tests": (21938, 20939),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -4,9 +4,10 @@ A record holds numbers, other records and the addresses of arrays, and compiled 
 address of the record: a single argument, and both sides see all changes.
 
 An FMU of FMI 2.0 in this process whose signals are real is called through the addresses of its
-own functions, and a group of FMUs through those of ``c/group.c``. Any other instance (FMI 3.0,
-model exchange, another process, units that are converted) gets functions with the same signatures
-that call its Python methods, so that one code of the coupling is enough for all of them.
+own functions, one in another process through those of ``remote.c``, and a group of FMUs through
+those of ``group.c``. Any other instance (FMI 3.0, model exchange, units that are converted) gets
+functions with the same signatures that call its Python methods, so that one code of the coupling
+is enough for all of them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import numpy.typing as npt
 from ...solver.arrays import Vector
 from ...solver.core import SUFFIX
 from .fmi_versions import ERROR, OK, STATE, STEP
-from .fmu_instance import ENTRY_POINTS, MOVE, FmuInstance, Instance, Stepped
+from .fmu_instance import ENTRY_POINTS, MOVE, AnyFmu, FmuInstance, Instance, Stepped
 from .group import Group
 
 USES = 2  # uses of saved states
@@ -35,12 +36,12 @@ FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 Why = IntEnum("Why", "GOES_ON STEP_FAILED DIVERGES", start=0)
 """Why a march has ended; in the order of ``c/master.c``."""
 
-OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
+OWN_STEP, WAITS = ct.CFUNCTYPE(ct.c_int, ct.c_double), ct.CFUNCTYPE(ct.c_int, ct.c_int)
 VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)  # fmi2SetReal
 
 _FOLDER = Path(__file__).parents[1] / "master" / "c"
-_SOURCES = "calls.h controller.c coupling.c clock.c joint_step.c group.c master.c".split()
-_SIZED = "Loop Course Clock Joint Trail Group Member".split()
+_SOURCES = "calls.h controller.c coupling.c clock.c joint_step.c group.c remote.c master.c".split()
+_SIZED = "Loop Course Clock Joint Trail Group Member Line Remote Served".split()
 
 
 @cache
@@ -143,17 +144,12 @@ class Guarded:
 class Bound:
     """An instance for compiled code: its functions, and these ports, in the given record.
 
-    Compiled code finds the signals in the order of the ports; as many states as there are `uses`
-    can be saved at a time.
+    Compiled code finds the signals in the order of the ports; `USES` states can be saved at a
+    time.
     """
 
     def __init__(
-        self,
-        instance: Instance,
-        inputs: Sequence[str],
-        outputs: Sequence[str],
-        calls: Struct,
-        uses: int = USES,
+        self, instance: Instance, inputs: Sequence[str], outputs: Sequence[str], calls: Struct
     ) -> None:
         self._calls, self._ports = calls, (list(inputs), list(outputs))
         given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
@@ -163,6 +159,8 @@ class Bound:
             points: Sequence[Any] = instance.entry_points()
             places = [instance.references(names) for names in self._ports]
             self._error = lambda: self._error_of(instance)
+        elif isinstance(instance, AnyFmu) and hasattr(instance, "bind"):
+            points, self._error = instance.bind(*self._ports)
         elif isinstance(instance, Group):
             points, self._error = _group_calls(instance)
             places = [[instance.place[n] for n in names] for names in self._ports]
@@ -173,7 +171,7 @@ class Bound:
         calls.set(**dict(zip(ENTRY_POINTS, points, strict=True)))
         calls.set(inputs=np.array(places[0], dtype=np.uint32), given=given)
         calls.set(outputs=np.array(places[1], dtype=np.uint32), taken=taken)
-        calls.set(stop=getattr(instance, "stop", math.inf), states=np.zeros(uses, dtype=np.int64))
+        calls.set(stop=getattr(instance, "stop", math.inf), states=np.zeros(USES, dtype=np.int64))
 
     def failure(self) -> BaseException | None:
         """The error of the last failed call, as raised by the FMU instance."""
@@ -195,16 +193,16 @@ def ask(bound: Sequence[Bound], function: str, *arguments: Any) -> None:
         raise failure_of(*bound) or RuntimeError(function)
 
 
-_Calls = tuple[Sequence[Any], Callable[[], BaseException | None]]
+Calls = tuple[Sequence[Any], Callable[[], BaseException | None]]
 
 
-def _group_calls(group: Group) -> _Calls:
+def _group_calls(group: Group) -> Calls:
     """A group and the functions of ``c/group.c``, and what gives the error of a failed call."""
     whole, bound, addresses = struct("Group"), list[Bound](), dict[int, int]()
     for part in group.parts:
         member, ports = struct("Member"), [f.port for f in part.feeds]
         member.set(sources=part.sources.astype(np.int64), first=part.outputs.start)
-        bound.append(Bound(part.instance, ports, part.instance.outputs, member.part("calls"), 0))
+        bound.append(Bound(part.instance, ports, part.instance.outputs, member.part("calls")))
         addresses[id(part)] = member.address
     for name in ("parts", "there", "back"):
         order = [addresses[id(part)] for part in getattr(group, name)]
@@ -216,7 +214,7 @@ def _group_calls(group: Group) -> _Calls:
 
 def _python_calls(
     instance: Stepped, inputs: Sequence[str], outputs: Sequence[str], given: Vector, taken: Vector
-) -> _Calls:
+) -> Calls:
     """Functions with FMI's signatures that call an instance's methods, with these two arrays."""
     guarded, states, numbers = Guarded(), dict[int, Any](), itertools.count(1)
     write = instance.writer(inputs)

@@ -1,10 +1,10 @@
 """An FMU in its own process, so that a crash, a hang or its modules do not affect this one.
 
-`IsolatedInstance` is the master's side; `main` runs in a new interpreter with an `FmuInstance`, and
-answers over a socket. A message is a line of JSON: a list of calls, each a name with its arguments;
-its answer is a status with the result of the last call, or of the first that fails. Calls without
-an answer wait for the next one that has an answer, so that a communication step needs few
-exchanges. No Python objects are exchanged: the FMU's side is not trusted.
+`IsolatedInstance` is the master's side; `main` runs in another process with an `FmuInstance`, and
+answers over a socket. A call that is made once for an instance, and its answer, are a line of JSON
+each: a name with its arguments, and a status with a result. Values, steps and states are arrays of
+numbers that compiled code exchanges (``master/c/remote.c``). No Python objects are exchanged: the
+FMU's side is not trusted.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import threading
 import time
 import weakref
 from collections.abc import Mapping, Sequence
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +28,28 @@ from ...fmus.made_here import is_ours
 from ...fmus.reading import Description, UnpackedFmu
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
-from .fmu_instance import SHORTER, AnyFmu, FmuInstance, Reader, StepFailed, Value, Writer
+from .compiled import WAITS, Bound, Calls, Guarded, Struct, address_of, call, library, struct
+from .fmi_versions import STEP
+from .fmu_instance import (
+    ENTRY_POINTS,
+    SHORTER,
+    AnyFmu,
+    FmuInstance,
+    Reader,
+    StepFailed,
+    Value,
+    Writer,
+)
 from .limits import TIME_LIMIT
-from .operating_system import end_host, how_ended, start_host
+from .operating_system import end_host, how_ended, line_of, start_host
 
 DONE, FAILED, REFUSED, DISCARDED = range(4)
 _KEPT = 4096  # bytes of its output
 _FAREWELL = 5.0  # s, time limit for a normal end
-_AT_ONCE, _LARGEST = 1 << 16, 1 << 28  # bytes of an answer
+_ROOM = 1024  # of a message of compiled code, in addition to two numbers for each variable
+_ENDED = 1  # how compiled code lost the connection
+_STATES = 60  # that compiled code can save at a time
+_STRANGE = "gave an answer that is not understood"
 _ALONE = "test this FMU alone: the error is in the FMU itself"
 
 
@@ -49,21 +64,21 @@ class IsolatedInstance(AnyFmu):
     ) -> None:
         super().__init__(source, name)
         self.time_limit = time_limit
-        self._waiting: list[tuple[Any, ...]] = []
-        self._changes = 0  # number of calls that may have changed outputs
-        self._made = 0  # number of writers, readers and states in the other process
         self._dead = ""
         folder = self._fmu.folder
         self._socket, self._process = start_host(__name__, folder)
-        self._socket.settimeout(time_limit)
         held = self._socket, self._process.stdin
         self._end = weakref.finalize(self, end_host, self._process, *held)
         self._printed = bytearray()
         streams = self._process.stdout, self._printed
         self._listener = threading.Thread(target=_keep_end, args=streams, daemon=True)
         self._listener.start()
+        self._guarded, self._line, self._remotes = Guarded(), struct("Line"), list[Struct]()
+        waits = self._guarded.address(WAITS, self._wait)
+        self._line.set(socket=self._socket.fileno(), wait=waits, room=_room(self.description))
         try:
             self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
+            self._with_ports([], [])
         except UserError as error:
             self._end()
             if isinstance(error, StepFailed):
@@ -74,48 +89,45 @@ class IsolatedInstance(AnyFmu):
         self._ask("do", "enter", dict(values), stop)
 
     def leave_initialization(self) -> None:
-        (period,) = self._numbers([self._ask("do", "leave_initialization")], ["its sample time"])
-        self.sample_time = float(period) or self.sample_time
+        period = self._ask("do", "leave_initialization")
+        try:
+            self.sample_time = float(period) or self.sample_time
+        except (TypeError, ValueError, OverflowError):
+            raise self._lost(_STRANGE) from None
 
     def writer(self, names: Sequence[str]) -> Writer:
-        number = self._make("writer", list(names))
-        return lambda values: self._tell("write", number, np.asarray(values, dtype=float).tolist())
+        number = self._with_ports(names, [])
+
+        def write(values: Vector) -> None:
+            self._call(number, "set_real", 0, len(names), np.ascontiguousarray(values, dtype=float))
+
+        return write
 
     def reader(self, names: Sequence[str]) -> Reader:
-        number = self._make("reader", list(names))
-        known, read_after = np.zeros(0), -1
+        number = self._with_ports([], names)
 
         def read() -> Vector:
-            nonlocal known, read_after
-            # a step begins with the end values of the last one: this saves half of all requests
-            if read_after != self._changes or self._dead:
-                known = self._numbers(self._ask("read", number), names)
-                read_after = self._changes
-            return known.copy()
+            values = np.empty(len(names))
+            self._call(number, "get_real", 0, len(names), values)
+            return values
 
         return read
 
-    def _numbers(self, answer: Any, names: Sequence[str]) -> Vector:
-        """An answer as numbers, one for each name; what is none ends the process."""
-        with contextlib.suppress(ValueError, TypeError, OverflowError):
-            numbers = np.array(answer, dtype=float)
-            if numbers.shape == (len(names),):
-                return numbers
-        raise self._lost(f"gave no numbers for {', '.join(names)}")
-
     def step(self, t: float, h: float) -> None:
-        """Move on; a failure shows when something is read."""
-        self._tell("do", "step", t, h)
+        """Move on; a failure shows when something is read, as for states."""
+        self._call(0, "do_step", t, h, 0)
 
     def save(self) -> Any:
-        return self._make("save")
+        state = np.zeros(1, dtype=np.intp)
+        self._call(0, "get_state", state)
+        return state
 
     def restore(self, state: Any) -> None:
-        self._tell("give", "restore", state)
+        self._call(0, "set_state", int(state[0]))
 
     def release(self, state: Any) -> None:
         if not self._dead:
-            self._tell("give", "release", state)
+            self._call(0, "free_state", state)
 
     def reopened(self) -> IsolatedInstance:
         other = IsolatedInstance(self._fmu, self.name, self.time_limit)
@@ -124,39 +136,29 @@ class IsolatedInstance(AnyFmu):
 
     def close(self) -> None:
         if self._end.alive and not self._dead:
-            self._socket.settimeout(min(self.time_limit, _FAREWELL))
+            self.time_limit = min(self.time_limit, _FAREWELL)
             with contextlib.suppress(OSError, StepFailed, FmuError):
                 self._ask("do", "close")
         self._end()
         self._clean()
 
-    def _make(self, *call: Any) -> int:
-        self._made += 1
-        self._tell("make", self._made, *call)
-        return self._made
-
-    def _tell(self, *call: Any) -> None:
-        self._changes += 1
-        self._waiting.append(call)
-
-    def _ask(self, *call: Any) -> Any:
-        """Send everything that waits and this call; return its answer."""
+    def _ask(self, *given: Any) -> Any:
+        """Send what compiled code has noted, then a call; return its answer."""
         if self._dead:
             raise StepFailed(self._dead)
-        self._changes += call[0] != "read"
-        calls, self._waiting = [*self._waiting, call], []
+        if self._remotes:
+            self._call(0, "flush")
+        self._line.record.changes += 1
         try:
-            self._socket.sendall(json.dumps(calls).encode() + b"\n")
-            status, result = json.loads(self._received())
+            self._socket.settimeout(self.time_limit)
+            self._socket.sendall(json.dumps(given).encode() + b"\n")
+            status, result = json.loads(line_of(self._socket, self.time_limit))
         except TimeoutError:
-            names = [c[1] if c[0] == "do" else c[0] for c in calls]
-            name = "step" if "step" in names else names[-1]
-            what = f"did not answer the call {name} within {self.time_limit:g} s"
-            raise self._lost(what, "if it is only slow, use a longer time limit") from None
-        except (OSError, EOFError):
+            raise self._late(given[1] if given[0] == "do" else given[0]) from None
+        except OSError:
             raise self._lost(self._how_it_ended()) from None
         except (ValueError, TypeError, RecursionError):
-            raise self._lost("gave an answer that is not understood") from None
+            raise self._lost(_STRANGE) from None
         if status == DONE:
             return result
         text = " ".join(str(result).split())
@@ -164,19 +166,49 @@ class IsolatedInstance(AnyFmu):
             raise FmuError(text)
         raise StepFailed(text, SHORTER if status == DISCARDED else "")
 
-    def _received(self) -> bytes:
-        """One line; the socket's own time limit is for each piece."""
-        end, data = time.monotonic() + (self._socket.gettimeout() or 0.0), b""
-        while not data.endswith(b"\n"):
-            if data and time.monotonic() > end:
-                raise TimeoutError
-            more = self._socket.recv(_AT_ONCE)
-            data += more
-            if not more or len(data) > _LARGEST:
-                raise EOFError
-        return data
+    def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> Calls:
+        """Functions that compiled code calls for these ports, and what gives a call's error."""
+        number = self._with_ports(inputs, outputs)
+        points = (address_of(getattr(library(), f"remote_{name}")) for name in ENTRY_POINTS[1:])
+        return (self._remotes[number], *points), self._failure
+
+    def _with_ports(self, inputs: Sequence[str], outputs: Sequence[str]) -> int:
+        """The number of these ports on both sides; the first are none."""
+        self._ask("bind", list(inputs), list(outputs))
+        remote, number = struct("Remote"), len(self._remotes)
+        remote.set(line=self._line, number=number, read_at=-1, known=np.zeros(len(outputs)))
+        self._remotes.append(remote)
+        return number
+
+    def _call(self, number: int, function: str, *arguments: Any) -> None:
+        if call(f"remote_{function}", self._remotes[number], *arguments):
+            raise self._failure()
+
+    def _wait(self, goes_on: int) -> None:
+        """Wait for an answer to compiled code: only Python hears an interrupt."""
+        if not goes_on:
+            self._until = time.monotonic() + self.time_limit
+        if not wait([self._socket], max(self._until - time.monotonic(), 0.0)):
+            raise self._late("step")
+
+    def _failure(self) -> BaseException:
+        """The error of a call of compiled code that has failed."""
+        error, self._guarded.error = self._guarded.error, None
+        if error is None and (lost := self._line.record.lost) and not self._dead:
+            error = self._lost(self._how_it_ended() if lost == _ENDED else _STRANGE)
+        if error is None:
+            try:
+                self._ask("fail")
+            except UserError as found:
+                error = found
+        return error or RuntimeError(f"{self.name} failed without an error")
+
+    def _late(self, name: str) -> StepFailed:
+        what = f"did not answer the call {name} within {self.time_limit:g} s"
+        return self._lost(what, "if it is only slow, use a longer time limit")
 
     def _lost(self, how: str, advice: str = _ALONE) -> StepFailed:
+        self._line.record.lost = _ENDED
         self._dead = f"{self.name} ({self.path.name}) {how}"
         end_host(self._process)
         return StepFailed(self._dead, advice)
@@ -198,7 +230,7 @@ class IsolatedInstance(AnyFmu):
 def _keep_end(stream: Any, printed: bytearray) -> None:
     """Read a process's output continuously, so that no disk or pipe is filled, and keep its end."""
     with stream:
-        while data := stream.read(_AT_ONCE):
+        while data := stream.read(1 << 16):
             printed += data
             del printed[:-_KEPT]
 
@@ -218,33 +250,45 @@ def open_fmu(
     return IsolatedInstance(path, name, time_limit)
 
 
+def _room(description: Description) -> Vector:
+    """For the longest message of compiled code."""
+    return np.zeros(_ROOM + 2 * len(description.variables))
+
+
 # -- the other process ---------------------------------------------------------------------------
 
 
 def main(connection: socket.socket) -> None:
     """Answer calls until the connection is closed, then end immediately."""
-    host = _Host()
+    np.random.seed()  # forked processes would all draw the same numbers
+    host = _Host(connection)
     with contextlib.suppress(OSError):
-        for line in connection.makefile("rb"):
-            connection.sendall(json.dumps(host.answer(line)).encode() + b"\n")
+        while True:
+            if host.bound:
+                call("remote_serve", host.served)
+            answer = host.answer(line_of(connection))
+            connection.sendall(json.dumps(answer).encode() + b"\n")
     # Without the interpreter's own end, in which a third-party library may still crash.
     os._exit(0)
 
 
 class _Host:
-    """The FMU, and by number what was made of it: writers, readers and saved states."""
+    """The FMU, and its ports by number for compiled code."""
 
     _fmu: FmuInstance
 
-    def __init__(self) -> None:
-        self._made: dict[int, Any] = {}
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self.bound: list[tuple[Bound, Struct]] = []
+        # a step that an FMU discards may be its last one, which Python knows
+        self._steps = Guarded()
+        self._step = self._steps.address(STEP, lambda _, t, h, __: self._fmu.step(t, h))
 
     def answer(self, line: bytes) -> tuple[int, Any]:
-        """Do every call of a message; return a status and the answer to the last."""
-        result: Any = None
+        """Do a call; return a status and its result."""
         try:
-            for name, *arguments in json.loads(line):
-                result = getattr(self, name)(*arguments)
+            name, *arguments = json.loads(line)
+            result = getattr(self, name)(*arguments)
         except StepFailed as error:
             return DISCARDED if error.advice == SHORTER else FAILED, str(error)
         except FmuError as error:
@@ -257,21 +301,24 @@ class _Host:
         unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))
         self._fmu = FmuInstance(unpacked, name)
 
+        self.served = struct("Served")
+        self.served.set(socket=self._connection.fileno(), room=_room(unpacked.description))
+        self.served.set(states=np.zeros(_STATES, dtype=np.intp))
+
     def do(self, call: str, *arguments: Any) -> float:
         getattr(self._fmu, call)(*arguments)
         return self._fmu.sample_time
 
-    def make(self, number: int, call: str, *arguments: Any) -> None:
-        self._made[number] = getattr(self._fmu, call)(*arguments)
+    def bind(self, inputs: list[str], outputs: list[str]) -> None:
+        """Give these ports the next number."""
+        record = struct("Calls")
+        self.bound.append((Bound(self._fmu, inputs, outputs, record), record))
+        record.set(do_step=self._step)
+        addresses = [calls.address for _, calls in self.bound]
+        self.served.set(calls=np.array(addresses, dtype=np.intp))
 
-    def write(self, number: int, values: list[float]) -> None:
-        self._made[number](np.array(values, dtype=float))
-
-    def read(self, number: int) -> list[float]:
-        values: list[float] = self._made[number]().tolist()
-        return values
-
-    def give(self, call: str, number: int) -> None:
-        """Give a state back, to be restored or released."""
-        state = self._made[number] if call == "restore" else self._made.pop(number)
-        getattr(self._fmu, call)(state)
+    def fail(self) -> None:
+        """Raise the error of the last call of compiled code."""
+        error = self._steps.error or self.bound[self.served.record.asked][0].failure()
+        self._steps.error = None
+        raise error or RuntimeError("an FMU failed without an error")

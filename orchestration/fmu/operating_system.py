@@ -7,11 +7,14 @@ what Linux has. It imports little, and nothing of this package: the command runs
 from __future__ import annotations
 
 import contextlib
+import functools
+import math
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 
 _ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
+_LARGEST = 1 << 28  # bytes of a line of another process
+_SOON = 1e-3  # s, between two checks of a process that ends
 
 
 # -- locks ---------------------------------------------------------------------------------------
@@ -210,8 +215,8 @@ def _end_with_parent() -> None:
 # -- a process that runs foreign code ------------------------------------------------------------
 
 
-def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes]]:
-    """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
+def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes] | _Forked]:
+    """Start a process that runs ``main(connection)`` of a module of this package.
 
     It works in `folder`, does not get Ctrl-C, and has no modules of the user on its path. Returns
     the other end of the connection, and the process: its `stdout` has all output, and when its
@@ -220,25 +225,28 @@ def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes]]:
     import socket
     import subprocess
 
-    where = str(Path(__file__).parents[3])  # of the package: the last folder of the host's path
     ours, theirs = socket.socketpair()
-    code = (
-        f"import sys; sys.path.append({where!r}); from {__name__} import host_connection; "
-        f"connection = host_connection({theirs.fileno()}); "
-        f"from {module} import main; main(connection)"
-    )
-    how: dict[str, Any] = {"start_new_session": True, "pass_fds": [theirs.fileno()]}
-    if sys.platform == "win32":
-        how = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-    how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with theirs:
-        command = [sys.executable, "-P", "-c", code]
+        if can_supervise():
+            return ours, _server(os.getpid(), module).fork(folder, theirs.fileno())
+        code = f"from {module} import main; main(host_connection({theirs.fileno()}))"
+        how: dict[str, Any] = {"start_new_session": True, "pass_fds": [theirs.fileno()]}
+        if sys.platform == "win32":
+            how = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+        how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        command = _fresh(f"from {__name__} import host_connection; {code}")
         process = subprocess.Popen(command, bufsize=0, cwd=folder, **how)
         if sys.platform == "win32":
             assert process.stdin is not None
             share = theirs.share(process.pid)
             process.stdin.write(len(share).to_bytes(4, "little") + share)
     return ours, process
+
+
+def _fresh(code: str) -> list[str]:
+    """The command of an interpreter that finds this package last, and nothing of the user."""
+    where = str(Path(__file__).parents[3])
+    return [sys.executable, "-P", "-c", f"import sys; sys.path.append({where!r}); {code}"]
 
 
 def host_connection(descriptor: int) -> socket.socket:
@@ -255,7 +263,131 @@ def host_connection(descriptor: int) -> socket.socket:
     return socket.socket(fileno=descriptor)
 
 
-def end_host(process: Popen[bytes], *files: Any) -> None:
+class _Server:
+    """A process that has a module of this package loaded, and forks the hosts that run it.
+
+    Linux only. A host starts in milliseconds; a fresh interpreter takes most of a second.
+    """
+
+    def __init__(self, module: str) -> None:
+        import socket
+        import subprocess
+        import threading
+        import weakref
+
+        self._connection, theirs = socket.socketpair()
+        self._lock = threading.Lock()
+        code = f"from {__name__} import fork_hosts; fork_hosts({theirs.fileno()}, {module!r})"
+        how: dict[str, Any] = dict.fromkeys(("stdout", "stderr"), subprocess.DEVNULL)
+        how |= {"stdin": subprocess.PIPE, "start_new_session": True, "pass_fds": [theirs.fileno()]}
+        how["env"] = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # threads do not survive a fork
+        with theirs:
+            process = subprocess.Popen(_fresh(code), **how)
+        weakref.finalize(self, process.communicate)  # it ends when its input is closed
+
+    def ask(self, request: Sequence[Any], *descriptors: int) -> int | None:
+        """Send a request and files; raises ConnectionError if the process has ended."""
+        import json
+        import socket
+
+        data = json.dumps(request).encode() + b"\n"
+        with self._lock:
+            socket.send_fds(self._connection, [data[:1]], descriptors)
+            self._connection.sendall(data[1:])
+            answer: int | None = json.loads(line_of(self._connection))
+        return answer
+
+    def fork(self, folder: Path, connection: int) -> _Forked:
+        """Start a host that has one end of the connection."""
+        (until, stdin), (stdout, output) = os.pipe(), os.pipe()
+        with open(until, "rb"), open(output, "wb"):
+            pid = self.ask([str(folder), dict(os.environ)], until, output, connection)
+        return _Forked(self, pid or 0, os.fdopen(stdin, "wb", 0), os.fdopen(stdout, "rb", 0))
+
+
+_server = functools.cache(lambda _process, module: _Server(module))
+
+
+@dataclass
+class _Forked:
+    """A process of a `_Server`, with what is used of a `Popen`."""
+
+    server: _Server
+    pid: int
+    stdin: Any
+    stdout: Any
+    returncode: int | None = None
+
+    def wait(self, timeout: float = math.inf) -> int | None:
+        """Return the exit code, or None after the time limit [s]."""
+        end = time.monotonic() + timeout
+        while self.returncode is None:
+            self.returncode = self.server.ask([self.pid])
+            if time.monotonic() >= end:
+                break
+            time.sleep(_SOON)
+        return self.returncode
+
+    poll = functools.partialmethod(wait, 0.0)
+
+
+def line_of(connection: socket.socket, limit: float | None = None) -> bytes:
+    """A line, after which nothing follows; raises TimeoutError, and ConnectionError at the end."""
+    end, data = time.monotonic() + (limit or 0.0), b""
+    while b"\n" not in data:
+        if limit is not None:
+            connection.settimeout(max(end - time.monotonic(), _SOON))
+        more = connection.recv(1 << 16)
+        if not more or len(data) > _LARGEST:
+            raise ConnectionError("the other process has closed the connection")
+        data += more
+    return data.partition(b"\n")[0]
+
+
+def fork_hosts(descriptor: int, module: str) -> None:
+    """Fork a host for each folder, and say how one has ended for each number of a process."""
+    import importlib
+    import json
+    import socket
+
+    end_when_closed(0)
+    main = importlib.import_module(module).main
+    control = socket.socket(fileno=descriptor)
+    while True:
+        first, descriptors, *_ = socket.recv_fds(control, 1, 3)
+        what, *environment = json.loads(first + line_of(control))
+        if not environment:
+            ended, status = os.waitpid(what, os.WNOHANG)
+            answer = os.waitstatus_to_exitcode(status) if ended else None
+        elif answer := os.fork():
+            with contextlib.suppress(OSError):  # the host did it, or has ended
+                os.setpgid(answer, answer)
+        else:
+            control.close()
+            _become_host(main, what, environment[0], descriptors)
+        for number in descriptors:
+            os.close(number)
+        control.sendall(json.dumps(answer).encode() + b"\n")
+
+
+def _become_host(main: Any, folder: str, environment: dict[str, str], files: list[int]) -> None:
+    """Run `main` in this forked process."""
+    try:
+        os.setpgid(0, 0)
+        os.chdir(folder)
+        os.environ.clear()
+        os.environ.update(environment)
+        until, output, connection = files
+        for source, target in ((until, 0), (output, 1), (output, 2)):
+            os.dup2(source, target)
+        os.close(until)
+        os.close(output)
+        main(host_connection(connection))
+    finally:
+        os._exit(1)
+
+
+def end_host(process: Popen[bytes] | _Forked, *files: Any) -> None:
     """End a process of `start_host`, and its child processes; close these files."""
     if process.poll() is None:
         if sys.platform == "win32":

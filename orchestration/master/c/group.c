@@ -15,7 +15,7 @@ typedef struct {
     int64_t lags;         /* whether outputs are outdated after every step */
 } Group;
 
-#define GROUP_FAILED 3 /* fmi2Error */
+#define CALL_FAILED 3 /* fmi2Error */
 
 enum { STALE, BACK };
 
@@ -40,7 +40,7 @@ API int group_get_real(Group *g, const uint32_t *places, size_t count, double *v
 {
     for (int64_t k = 0; k < g->parts.size && g->flags.at[STALE]; k++) {
         if (!pass_on(g, g->parts.at[k], 0, 0.0, 0.0))
-            return GROUP_FAILED;
+            return CALL_FAILED;
     }
     g->flags.at[STALE] = 0;
     for (size_t k = 0; k < count; k++)
@@ -54,7 +54,7 @@ API int group_do_step(Group *g, double t, double h, int no_way_back)
     const Slots *const order = g->flags.at[BACK] ? &g->back : &g->there;
     for (int64_t k = 0; k < order->size; k++) {
         if (!pass_on(g, order->at[k], 1, t, h))
-            return GROUP_FAILED;
+            return CALL_FAILED;
     }
     g->flags.at[BACK] = !g->flags.at[BACK];
     g->flags.at[STALE] = g->lags;
@@ -86,11 +86,11 @@ API int group_get_state(Group *g, void **state)
     const size_t count = (size_t)g->parts.size, values = (size_t)g->values.size;
     const size_t size = sizeof(GroupState) + count * sizeof(void *) + values * sizeof(double);
     if (!*state && !(*state = calloc(1, size)))
-        return GROUP_FAILED;
+        return CALL_FAILED;
     GroupState *const s = *state;
     for (int64_t k = 0; k < g->parts.size; k++) {
         if (!save(member_in(g, s, k), k))
-            return GROUP_FAILED;
+            return CALL_FAILED;
     }
     memcpy(s->flags, g->flags.at, sizeof s->flags);
     copy(g->values.at, values_of(g, s), g->values.size);
@@ -102,7 +102,7 @@ API int group_set_state(Group *g, void *state)
     GroupState *const s = state;
     for (int64_t k = 0; k < g->parts.size; k++) {
         if (!restore(member_in(g, s, k), k))
-            return GROUP_FAILED;
+            return CALL_FAILED;
     }
     memcpy(g->flags.at, s->flags, sizeof s->flags);
     copy(values_of(g, s), g->values.at, g->values.size);

@@ -16,6 +16,7 @@ static int within(const double *values, const Vector *bounds)
 
 #include "joint_step.c"
 #include "group.c"
+#include "remote.c"
 
 /* The record of a run, the measurements during it, and its reference. */
 typedef struct {
@@ -169,4 +170,5 @@ API int master_march(Loop *run, Loop *co_run, Clock *clock, Course *course, int6
 
 /* The size of the records, which `compiled.py` reads from these sources. */
 API const int64_t master_size = sizeof(Loop) + sizeof(Course) + sizeof(Clock) + sizeof(Joint) +
-                                sizeof(Trail) + sizeof(Group) + sizeof(Member);
+                                sizeof(Trail) + sizeof(Group) + sizeof(Member) + sizeof(Line) +
+                                sizeof(Remote) + sizeof(Served);
