@@ -136,8 +136,9 @@ def write_formats(folder: Path) -> list[Path]:
     t = np.arange(1500) * 1e-3
     columns = {"time": t, "x": 0.03 * np.sin(12 * t), "u": 4 * np.cos(12 * t)}
     frame = pd.DataFrame(columns)
-    for packer in ("", ".gz", ".bz2", ".xz", ".zip"):
-        frame.to_csv(folder / f"a.csv{packer}", index=False, float_format="%.12g")
+    write_csv(folder / "a.csv", **columns)
+    for packer in ("gz", "bz2", "xz", "zip"):
+        frame.to_csv(folder / f"a.csv.{packer}", index=False)
     frame.to_parquet(folder / "a.parquet")
     frame.to_feather(folder / "a.arrow")
     frame.to_excel(folder / "a.xlsx", index=False)
@@ -234,10 +235,10 @@ def commands() -> list[str]:
 
 def console(words: str, scratch: Path, out: str) -> dict[str, object]:
     """What a command prints as numbers, and those in its tables."""
-    words = re.sub(r"\{(\w+)\}", r"data/\1", words)
-    as_json = [] if words.startswith("rig") else ["--json"]
-    command = [str(Path(sys.executable).with_name("ballscrew")), *words.split(), *as_json]
-    done = subprocess.run([*command, "--out", out], cwd=scratch, capture_output=True, check=False)
+    command = [Path(sys.executable).with_name("ballscrew")]
+    command += [*re.sub(r"\{(\w+)\}", r"data/\1", words).split(), "--out", out]
+    command += [] if words.startswith("rig") else ["--json"]
+    done = subprocess.run(command, cwd=scratch, capture_output=True)
     if done.returncode not in (0, 1):
         print(f"{words}: exit code {done.returncode}")
     found: dict[str, object] = {"code": done.returncode}
@@ -263,7 +264,7 @@ def item(name: str, scratch: Path) -> dict[str, object]:
     (head, *rest), began = name.split(), spent()
     is_function = head in FUNCTIONS
     found = FUNCTIONS[head](*rest, folder) if is_function else console(name, scratch, folder.name)
-    found[SPENT] = spent() - began
+    found |= {"code": found.get("code", 0), SPENT: spent() - began}
     if name != "data":
         shutil.rmtree(folder)
     return {f"{name}: {key}": value for key, value in found.items()}
@@ -310,8 +311,8 @@ def compare(old: dict[str, object], new: dict[str, object]) -> int:
     found = {key: difference(old[key], new[key]) for key in old if key in new}
     differing = {key: how for key, how in found.items() if how != 0.0}
     words = {key for key in differing if isinstance(old[key], str)}
-    numbers = {k: how for k, how in differing.items() if k not in words}
-    bad = [k for k, how in numbers.items() if isinstance(how, str) or how > ALLOWED]
+    numbers = [differing[key] for key in differing.keys() - words]
+    bad = [how for how in numbers if isinstance(how, str) or how > ALLOWED]
     missing = sorted(old.keys() - new.keys())
     for key in missing:
         print(f"missing: {key}")

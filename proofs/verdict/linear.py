@@ -93,9 +93,8 @@ def outcome(seed: int) -> Row:
     lawful = bool(random.random() < 0.4)
     ports = law_inputs(n) if lawful else ["u"]
     wide = np.hstack([loop.B, np.zeros((n, len(ports) - 1))])
-    none = np.zeros((n, len(ports)))
     kind = LawSlave if lawful else LinearSlave
-    plant = kind("plant", loop.A, wide, np.eye(n), none, ports, names, start[:n])
+    plant = kind("plant", loop.A, wide, np.eye(n), np.zeros_like(wide), ports, names, start[:n])
     saves, late = bool(random.random() < 0.8), bool(random.random() < 0.3)
     matrices = loop.Ac, loop.Bc, loop.Cc, loop.K
     controller = LinearSlave("controller", *matrices, names, ["u"], start[n:], saves, late)
