@@ -64,12 +64,11 @@ class IsolatedInstance(AnyFmu):
     ) -> None:
         super().__init__(source, name)
         self.time_limit = time_limit
-        self._dead = ""
+        self._dead, self._printed = "", bytearray()
         folder = self._fmu.folder
         self._socket, self._process = start_host(__name__, folder)
-        held = self._socket, self._process.stdin
-        self._end = weakref.finalize(self, end_host, self._process, *held)
-        self._printed = bytearray()
+        held = self._process, self._socket, self._process.stdin
+        self._end = weakref.finalize(self, end_host, *held)
         streams = self._process.stdout, self._printed
         self._listener = threading.Thread(target=_keep_end, args=streams, daemon=True)
         self._listener.start()
@@ -278,7 +277,8 @@ class _Host:
     _fmu: FmuInstance
 
     def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
+        self.served = struct("Served")
+        self.served.set(socket=connection.fileno(), states=np.zeros(_STATES, dtype=np.intp))
         self.bound: list[tuple[Bound, Struct]] = []
         # a step that an FMU discards may be its last one, which Python knows
         self._steps = Guarded()
@@ -301,9 +301,7 @@ class _Host:
         unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))
         self._fmu = FmuInstance(unpacked, name)
 
-        self.served = struct("Served")
-        self.served.set(socket=self._connection.fileno(), room=_room(unpacked.description))
-        self.served.set(states=np.zeros(_STATES, dtype=np.intp))
+        self.served.set(room=_room(unpacked.description))
 
     def do(self, call: str, *arguments: Any) -> float:
         getattr(self._fmu, call)(*arguments)

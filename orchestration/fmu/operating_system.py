@@ -12,11 +12,13 @@ import math
 import os
 import signal
 import sys
+import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     import socket
@@ -174,7 +176,6 @@ def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
 
 def _end_after(wait: Callable[[], Any]) -> None:
     """End this process when a function returns; from a thread, which needs the interpreter."""
-    import threading
 
     def end() -> None:
         with contextlib.suppress(OSError):
@@ -227,8 +228,12 @@ def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes] |
 
     ours, theirs = socket.socketpair()
     with theirs:
-        if can_supervise():
-            return ours, _server(os.getpid(), module).fork(folder, theirs.fileno())
+        for _ in range(2 * can_supervise()):
+            host = _server(os.getpid(), module).fork(folder, theirs.fileno())
+            if host.pid > 0:
+                return ours, host
+            end_host(host, host.stdin, host.stdout)  # the process that forks was ended
+            _server.cache_clear()
         code = f"from {module} import main; main(host_connection({theirs.fileno()}))"
         how: dict[str, Any] = {"start_new_session": True, "pass_fds": [theirs.fileno()]}
         if sys.platform == "win32":
@@ -272,8 +277,6 @@ class _Server:
     def __init__(self, module: str) -> None:
         import socket
         import subprocess
-        import threading
-        import weakref
 
         self._connection, theirs = socket.socketpair()
         self._lock = threading.Lock()
@@ -283,19 +286,20 @@ class _Server:
         how["env"] = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # threads do not survive a fork
         with theirs:
             process = subprocess.Popen(_fresh(code), **how)
+        weakref.finalize(self, self._connection.close)
         weakref.finalize(self, process.communicate)  # it ends when its input is closed
 
     def ask(self, request: Sequence[Any], *descriptors: int) -> int | None:
-        """Send a request and files; raises ConnectionError if the process has ended."""
+        """Send a request and files; the answer is negative if the process has ended."""
         import json
         import socket
 
         data = json.dumps(request).encode() + b"\n"
-        with self._lock:
+        with contextlib.suppress(OSError), self._lock:
             socket.send_fds(self._connection, [data[:1]], descriptors)
             self._connection.sendall(data[1:])
-            answer: int | None = json.loads(line_of(self._connection))
-        return answer
+            return cast("int | None", json.loads(line_of(self._connection)))
+        return -signal.SIGKILL
 
     def fork(self, folder: Path, connection: int) -> _Forked:
         """Start a host that has one end of the connection."""
@@ -380,8 +384,6 @@ def _become_host(main: Any, folder: str, environment: dict[str, str], files: lis
         until, output, connection = files
         for source, target in ((until, 0), (output, 1), (output, 2)):
             os.dup2(source, target)
-        os.close(until)
-        os.close(output)
         main(host_connection(connection))
     finally:
         os._exit(1)

@@ -20,6 +20,7 @@ from ballscrew.fmus.made_here import is_ours
 from ballscrew.orchestration.fmu import isolated
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
+from ballscrew.orchestration.fmu.operating_system import can_supervise
 from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
@@ -116,6 +117,18 @@ def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkey
         )
         found = run_closed_loop(Loop(str(path), stop=0.02, step=1e-3)).run.commands["u"]
         np.testing.assert_allclose(found[0], 400 * 0.08 * gain, rtol=1e-12)
+
+
+@pytest.mark.skipif(not can_supervise(), reason="only Linux has that process")
+def test_an_instance_opens_also_if_the_process_that_starts_them_was_ended(tmp_path):
+    small_fmus.pd(str(tmp_path / "pd.fmu"))
+    with contextlib.closing(IsolatedInstance(tmp_path / "pd.fmu", "before")) as before:
+        before.initialize({}, 1.0)
+        status = Path(f"/proc/{before._process.pid}/stat").read_text(encoding="utf-8")
+        os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGKILL)
+        with contextlib.closing(IsolatedInstance(tmp_path / "pd.fmu", "after")) as after:
+            after.initialize({}, 1.0)
+            assert after.reader(["u"])() == before.reader(["u"])() == [0.0]
 
 
 @pytest.mark.ci
@@ -247,6 +260,7 @@ def test_what_is_not_ours_has_a_process_of_its_own_unless_asked(
 PARENT_OF_A_THIRD_PARTY_FMU = """
 import sys, time
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
+from ballscrew.orchestration.fmu.operating_system import can_supervise
 one = IsolatedInstance(sys.argv[1], "one")
 one.initialize({}, 1.0)
 one.step(0.0, 1.0)
