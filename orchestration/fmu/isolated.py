@@ -79,7 +79,7 @@ class IsolatedInstance(AnyFmu):
             self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
             self._with_ports([], [])
         except UserError as error:
-            self._end()
+            self.close()
             if isinstance(error, StepFailed):
                 raise FmuError(f"{self.path}: cannot be instantiated: {error}") from error
             raise FmuError(f"{error}{self._last_output()}") from error
