@@ -67,16 +67,8 @@ def csv(path, code):
     path.write_text(f"time,force,x\n{rows}")
 
 
-RECORDS = {
-    "arrays of objects": npz,
-    "a pickle": pickled,
-    "words in a table": csv,
-}
-MORE_RECORDS = {
-    "MDF 4": mdf("4.10"),
-    "MDF 3": mdf("3.30"),
-    "a workbook with formulas": formulas,
-}
+RECORDS = {"arrays of objects": npz, "a pickle": pickled, "words in a table": csv}
+MORE_RECORDS = {"MDF 4": mdf("4.10"), "MDF 3": mdf("3.30"), "a workbook with formulas": formulas}
 
 
 @pytest.mark.parametrize(

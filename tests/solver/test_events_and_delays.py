@@ -164,10 +164,14 @@ def test_a_crossing_is_seen_though_another_one_was_looked_for_in_vain():
 def test_an_event_that_is_due_after_an_input_jumps_happens_at_once():
     on = Event("on", u - 1, direction=1, next_mode="on")
     off = Event("off", u + 1, direction=-1, next_mode="off")
+    back = Event("back", u - 2, 1, {"x": sp.Integer(5)})
     relay = component(
         "relay",
         (State("x", "1", "integral of the level", sp.Integer(-1)),),
-        (Mode("off", events=(on,)), Mode("on", derivatives={"x": sp.Integer(1)}, events=(off,))),
+        (
+            Mode("off", events=(on, back)),
+            Mode("on", derivatives={"x": sp.Integer(1)}, events=(off, back)),
+        ),
         inputs=(Input("u", "1", "signal"),),
     )
     model = Model(generate(relay))
@@ -178,6 +182,9 @@ def test_an_event_that_is_due_after_an_input_jumps_happens_at_once():
         t += 1.0
         assert model.mode == mode
     assert model.x[0] == pytest.approx(-1 + 1 + 1 - 1 - 1, abs=1e-12)
+    model.set_input("u", 3.0)
+    model.advance(t, t + 1.0)
+    assert model.x[0] == pytest.approx(5 + 1, abs=1e-12)
 
 
 def test_a_state_that_a_mode_holds_is_held_to_the_last_bit():

@@ -65,10 +65,7 @@ class Host:
         self.version = int(described.fmiVersion[0])
         self.heard: list[str] = []
         kind = described.modelExchange if exchange else described.coSimulation
-        makers = {
-            2: (fmi2.FMU2Slave, fmi2.FMU2Model),
-            3: (fmi3.FMU3Slave, fmi3.FMU3Model),
-        }
+        makers = {2: (fmi2.FMU2Slave, fmi2.FMU2Model), 3: (fmi3.FMU3Slave, fmi3.FMU3Model)}
         self.fmu = makers[self.version][exchange](
             guid=described.guid or described.instantiationToken,
             unzipDirectory=fmpy.extract(str(path)),

@@ -228,12 +228,7 @@ def whole_axes(times: np.ndarray, masses: tuple[float, float]) -> np.ndarray:
         ]
 
         def rates(_: float, s: np.ndarray, u: list[float] = u) -> list[float]:
-            return [
-                s[1],
-                (u[0] - 3 * s[1]) / masses[0],
-                s[3],
-                (u[1] - 3 * s[3]) / masses[1],
-            ]
+            return [s[1], (u[0] - 3 * s[1]) / masses[0], s[3], (u[1] - 3 * s[3]) / masses[1]]
 
         end = (k + 1) * PERIOD
         state = solve_ivp(rates, (now, end), state, rtol=1e-10, atol=1e-12).y[:, -1]

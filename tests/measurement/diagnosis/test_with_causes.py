@@ -242,11 +242,7 @@ def check_force_in_motion(model, found):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(
-    "found",
-    [{"delay": 3e-4}, {"command_lag": 2e-3}],
-    ids="+".join,
-)
+@pytest.mark.parametrize("found", [{"delay": 3e-4}, {"command_lag": 2e-3}], ids="+".join)
 def test_a_late_command_arrives_as_was_foretold(found):
     motion = simulated(prior_model(), [("input_delay", found)])
     u = command()

@@ -331,6 +331,10 @@ def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp
         "x of axis, recorded every 1 ms, is interpolated linearly at the time stamps of drive"
     )
     assert note.endswith("every 2.5, 1 in 2.5 of its samples")
+    book["drive"]["A1"] = "t [tick]"
+    book.save(tmp_path / "b.xlsx")
+    with pytest.raises(BadRecord, match="its times are in"):
+        read_drive_records([tmp_path / "b.xlsx"], {"t": "time"})
 
 
 def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):

@@ -53,10 +53,7 @@ def test_the_list_has_one_line_for_every_trial(capsys):
         (("2.4/1", "--set", "plant.sigma0=-1", "--out", "o"), "expected a value within"),
         (("2.4/1", "--set", "plant.sigma9=1", "--out", "o"), "did you mean plant.sigma"),
         (("2.4/1", "--set", "plant.sigma0=1e300", "--out", "o"), "a parameter is invalid"),
-        (
-            ("2.8/1", "--set", "capacitance_sensor.area=1e-2", "--out", "o"),
-            "cannot resolve",
-        ),
+        (("2.8/1", "--set", "capacitance_sensor.area=1e-2", "--out", "o"), "cannot resolve"),
     ],
 )
 def test_a_request_that_makes_no_sense_is_refused(tmp_path, monkeypatch, capsys, arguments, said):

@@ -57,10 +57,7 @@ def falling(times, g=9.81, e=0.7, v_min=0.1):
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize(
     ("name", "output", "exact", "euler"),
-    [
-        ("BouncingBall", "h", falling, 0.03),
-        ("Dahlquist", "x", lambda t: np.exp(-t), 0.02),
-    ],
+    [("BouncingBall", "h", falling, 0.03), ("Dahlquist", "x", lambda t: np.exp(-t), 0.02)],
 )
 def test_model_exchange_of_a_reference_fmu_is_the_exact_solution(
     tmp_path, name, output, exact, euler, fmi
