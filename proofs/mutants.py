@@ -71,7 +71,7 @@ PARTS = {
     "measurement/records/record.py": "measurement/records/test_examine.py "
     "measurement/records/test_wraps.py measurement/identification/test_rig_records.py",
     "measurement/records/table.py": "measurement/records/test_table.py "
-    "measurement/records/test_formats.py",
+    "measurement/records/test_formats.py measurement/records/test_reading.py",
     "orchestration/fmu/isolated.py": "orchestration/fmu/test_isolated.py -k 'not called'",
     "orchestration/master/verdict.py": "orchestration/master/test_verdict.py -k 'not results_of'",
     "orchestration/master/master.py": "orchestration/loop/test_pair.py "

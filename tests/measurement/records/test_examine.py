@@ -74,7 +74,7 @@ def test_noise_is_that_of_sample_to_sample_and_neither_the_course_nor_a_jump(jum
 def test_held_values_are_counted_where_they_are_new():
     x = np.sin(0.01 * np.arange(800))
     np.testing.assert_array_equal(held_samples(np.repeat(x[::8], 8)), np.arange(0, 800, 8))
-    np.testing.assert_array_equal(held_samples(np.repeat(x[:10], 8)), np.arange(0, 80, 8))
+    np.testing.assert_array_equal(held_samples(np.repeat(x[:10], 2)), np.arange(0, 20, 2))
     # nine values are too few, and values that come again are counts of an encoder
     counted = np.repeat(np.arange(100) % 50, 8).astype(float)
     uneven = np.repeat(x[:100], np.tile([3, 4, 5, 7], 25))
