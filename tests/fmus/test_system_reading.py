@@ -291,7 +291,7 @@ def test_the_start_of_a_system_s_input_reaches_the_ports_that_it_drives(read):
     </ssd:Connectors>"""
     before = connectors + parameters(real("goal", 80))
     system = read(connected(start="goal", end="a.x", before=before))
-    assert system.inputs[0].start == 80.0
+    assert (system.inputs[0].start, system.start, system.stop) == (80.0, 0.0, None)
     assert values(system, "a") == {"x": 0.08}
 
 
