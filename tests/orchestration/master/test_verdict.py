@@ -150,6 +150,16 @@ def test_a_hundredth_of_the_range_is_allowed_for_the_estimate(moved, trusted, wo
     assert found.contraction == 0.3
 
 
+@pytest.mark.parametrize(("left", "trusted"), [(0.49, True), (0.51, False)])
+def test_a_correction_that_leaves_more_than_half_of_the_residual_shows_nothing(left, trusted):
+    """What a run with one step leaves, where it is a geometric sum of corrections."""
+    first, moved = Verdict(False, "", "shorter", {}, left), 0.001
+    found = verdict_of(first, NAMES, rung(), [rung(), rung(x=moved)], otherwise=True)
+    assert found.trusted is trusted
+    if trusted:
+        assert found.error_estimate["x"] == pytest.approx(moved + moved / (1.0 - left), rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("before", "last", "to_come"),
     [
