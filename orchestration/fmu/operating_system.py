@@ -355,7 +355,7 @@ def fork_hosts(descriptor: int, module: str) -> None:
     import socket
 
     end_when_closed(0)
-    main = importlib.import_module(module).main
+    host, *_ = (importlib.import_module(name) for name in (module, "fmpy.fmi2", "fmpy.fmi3"))
     control = socket.socket(fileno=descriptor)
     while True:
         first, descriptors, *_ = socket.recv_fds(control, 1, 3)
@@ -368,7 +368,7 @@ def fork_hosts(descriptor: int, module: str) -> None:
                 os.setpgid(answer, answer)
         else:
             control.close()
-            _become_host(main, what, environment[0], descriptors)
+            _become_host(host.main, what, environment[0], descriptors)
         for number in descriptors:
             os.close(number)
         control.sendall(json.dumps(answer).encode() + b"\n")
