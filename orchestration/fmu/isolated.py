@@ -254,9 +254,6 @@ def _room(description: Description) -> Vector:
     return np.zeros(_ROOM + 2 * len(description.variables))
 
 
-# -- the other process ---------------------------------------------------------------------------
-
-
 def main(connection: socket.socket) -> None:
     """Answer calls until the connection is closed, then end immediately."""
     np.random.seed()  # forked processes would all draw the same numbers

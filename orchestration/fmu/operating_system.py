@@ -31,9 +31,6 @@ _LARGEST = 1 << 28  # bytes of a line of another process
 _SOON = 1e-3  # s, between two checks of a process that ends
 
 
-# -- locks ---------------------------------------------------------------------------------------
-
-
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Keep other processes from writing to a folder; the lock also ends with this process."""
@@ -74,9 +71,6 @@ def lock(folder: Path, left: bool = False) -> int:
             os.close(descriptor)
             raise
     return descriptor
-
-
-# -- interrupts, and the command in a child process ----------------------------------------------
 
 
 def can_supervise() -> bool:
@@ -148,9 +142,6 @@ def _is_child(process: str) -> bool:
     return False
 
 
-# -- processes that end with the one that started them -------------------------------------------
-
-
 def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
     """End this process, or the group that it leads, when the last writing end of a pipe is closed.
 
@@ -211,9 +202,6 @@ def _end_with_parent() -> None:
         _end_after(parent.join)
     else:
         end_when_closed(parent.sentinel)
-
-
-# -- a process that runs foreign code ------------------------------------------------------------
 
 
 def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes] | _Forked]:
@@ -414,9 +402,6 @@ def how_ended(code: int) -> str:
         return f"ended with exit code {code}"
     names = {number.value: number.name for number in signal.Signals}
     return f"was ended by {names.get(-code, f'signal {-code}')}"
-
-
-# -- memory --------------------------------------------------------------------------------------
 
 
 def available_memory() -> int | None:

@@ -92,9 +92,6 @@ class Wiring:
 UNWIRED = Wiring((), (), ())  # stands for connections that are still to be found, by `wire`
 
 
-# -- ports by name -------------------------------------------------------------------------------
-
-
 def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | None = None) -> Wiring:
     """Match the ports of a plant and a controller.
 
@@ -203,9 +200,6 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
                     f"mapping: {theirs}={ours} has the same name as {others[0]}; map one of them "
                     "to an unused name"
                 )
-
-
-# -- units ---------------------------------------------------------------------------------------
 
 
 def convert(

@@ -1,6 +1,5 @@
-/* An FMU in another process: its functions here, and what answers there, over a socket. A call
- * without a result waits for one with a result, and all of them go in one message. A message is an
- * array of doubles, led by its length; the other process is not trusted. */
+/* An FMU in another process, which is not trusted: its functions here, and what answers there.
+ * Calls without a result wait for one with a result: one array of doubles, led by its length. */
 
 enum { REMOTE_SET, REMOTE_STEP, REMOTE_SAVE, REMOTE_RESTORE, REMOTE_FREE, REMOTE_GET };
 enum { ENDED = 1, NOT_UNDERSTOOD }; /* how a connection was lost */
@@ -8,7 +7,7 @@ enum { ENDED = 1, NOT_UNDERSTOOD }; /* how a connection was lost */
 /* A connection, with the calls that wait, after room for their length. */
 typedef struct {
     int64_t socket, used; /* used: length of these calls */
-    int (*wait)(int goes_on); /* Python waits for an answer, which hears interrupts; 0: it is there */
+    int (*wait)(int goes_on); /* waits in Python, which hears interrupts; 0: an answer is there */
     int64_t changes;          /* number of calls that may have changed outputs */
     int64_t lost, states;     /* how it was lost; a bit for each saved state */
     Vector room;
@@ -33,20 +32,30 @@ typedef struct {
 #define CALL 3          /* kind, number of the ports, number of values */
 #define ANSWER 2        /* length, status */
 #define PATIENCE 20     /* ms, after which Python waits */
+#define LOOKS 200       /* for a message, before waiting: to wake a processor takes longer */
 
 #ifdef _WIN32
 #include <winsock2.h>
 #define poll WSAPoll
 #define MSG_NOSIGNAL 0
+#define sched_yield SwitchToThread
 typedef SOCKET Socket;
 static int is_final(void) { return WSAGetLastError() != WSAEWOULDBLOCK; }
 #else
 #include <errno.h>
 #include <poll.h>
+#include <sched.h>
 #include <sys/socket.h>
 typedef int Socket;
 static int is_final(void) { return errno != EINTR && errno != EAGAIN; }
 #endif
+
+static void remote_look(Socket socket)
+{
+    struct pollfd message = {socket, POLLIN, 0};
+    for (int k = 0; k < LOOKS && poll(&message, 1, 0) <= 0; k++)
+        sched_yield();
+}
 
 static int remote_send(Socket socket, const double *values, int64_t count)
 {
@@ -69,6 +78,7 @@ static int remote_receive(Socket socket, Line *line, double *values, int64_t cou
     int goes_on = 0;
     while (at < end) {
         struct pollfd answer = {socket, POLLIN, 0};
+        remote_look(socket);
         if (line && poll(&answer, 1, PATIENCE) <= 0 && line->wait(goes_on++))
             return 0;
         const int64_t got = recv(socket, at, (unsigned)(end - at), 0);
@@ -106,7 +116,6 @@ static int remote_ask(Remote *r, size_t count, double *values)
     return CALL_FAILED;
 }
 
-/* Send what waits. */
 API int remote_flush(Remote *r) { return r->line->used ? remote_ask(r, 0, NULL) : 0; }
 
 /* Note a call without a result. */
@@ -173,8 +182,6 @@ API int remote_free_state(Remote *r, void **state)
     return remote_tell(r, REMOTE_FREE, (double[]){place_of(*state)}, 1);
 }
 
-/* -- the other process ------------------------------------------------------------------------ */
-
 static int remote_do(Served *s, Calls *c, int kind, const double *values, int64_t count)
 {
     void **state = NULL;
@@ -218,6 +225,7 @@ API int64_t remote_serve(Served *s)
 {
     char first;
     for (;;) {
+        remote_look((Socket)s->socket);
         const int64_t got = recv((Socket)s->socket, &first, 1, MSG_PEEK);
         if (got < 0 && !is_final())
             continue;
