@@ -297,7 +297,6 @@ class _Host:
     def open(self, path: str, folder: str, description: dict[str, Any], name: str) -> None:
         unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))
         self._fmu = FmuInstance(unpacked, name)
-
         self.served.set(room=_room(unpacked.description))
 
     def do(self, call: str, *arguments: Any) -> float:

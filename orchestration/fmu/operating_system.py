@@ -12,11 +12,8 @@ import math
 import os
 import signal
 import sys
-import threading
 import time
-import weakref
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -167,6 +164,7 @@ def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
 
 def _end_after(wait: Callable[[], Any]) -> None:
     """End this process when a function returns; from a thread, which needs the interpreter."""
+    import threading
 
     def end() -> None:
         with contextlib.suppress(OSError):
@@ -265,6 +263,8 @@ class _Server:
     def __init__(self, module: str) -> None:
         import socket
         import subprocess
+        import threading
+        import weakref
 
         self._connection, theirs = socket.socketpair()
         self._lock = threading.Lock()
@@ -300,21 +300,18 @@ class _Server:
 _server = functools.cache(lambda _process, module: _Server(module))
 
 
-@dataclass
 class _Forked:
     """A process of a `_Server`, with what is used of a `Popen`."""
 
-    server: _Server
-    pid: int
-    stdin: Any
-    stdout: Any
-    returncode: int | None = None
+    def __init__(self, server: _Server, pid: int, stdin: Any, stdout: Any) -> None:
+        self._server, self.pid, self.stdin, self.stdout = server, pid, stdin, stdout
+        self.returncode: int | None = None
 
     def wait(self, timeout: float = math.inf) -> int | None:
         """Return the exit code, or None after the time limit [s]."""
         end = time.monotonic() + timeout
         while self.returncode is None:
-            self.returncode = self.server.ask([self.pid])
+            self.returncode = self._server.ask([self.pid])
             if time.monotonic() >= end:
                 break
             time.sleep(_SOON)
