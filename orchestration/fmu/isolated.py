@@ -48,7 +48,6 @@ _KEPT = 4096  # bytes of its output
 _FAREWELL = 5.0  # s, time limit for a normal end
 _ROOM = 1024  # of a message of compiled code, in addition to two numbers for each variable
 _ENDED = 1  # how compiled code lost the connection
-_STATES = 60  # that compiled code can save at a time
 _STRANGE = "gave an answer that is not understood"
 _ALONE = "test this FMU alone: the error is in the FMU itself"
 
@@ -275,7 +274,7 @@ class _Host:
 
     def __init__(self, connection: socket.socket) -> None:
         self.served = struct("Served")
-        self.served.set(socket=connection.fileno(), states=np.zeros(_STATES, dtype=np.intp))
+        self.served.set(socket=connection.fileno())
         self.bound: list[tuple[Bound, Struct]] = []
         # a step that an FMU discards may be its last one, which Python knows
         self._steps = Guarded()

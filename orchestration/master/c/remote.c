@@ -21,10 +21,10 @@ typedef struct {
     Vector known;          /* these outputs */
 } Remote;
 
-/* The other side: records of type Calls by their number, and saved states. */
+/* The other side: records of type Calls by their number. */
 typedef struct {
     int64_t socket, asked; /* number of the ports of the last call */
-    Slots calls, states;
+    Slots calls;
     Vector room;
 } Served;
 
@@ -182,11 +182,13 @@ API int remote_free_state(Remote *r, void **state)
     return remote_tell(r, REMOTE_FREE, (double[]){place_of(*state)}, 1);
 }
 
-static int remote_do(Served *s, Calls *c, int kind, const double *values, int64_t count)
+static void *saved_states[MOST_STATES]; /* of the one FMU of the other process */
+
+static int remote_do(Calls *c, int kind, const double *values, int64_t count)
 {
     void **state = NULL;
     if (kind == REMOTE_SAVE || kind == REMOTE_RESTORE || kind == REMOTE_FREE)
-        state = s->states.at + (int64_t)values[0];
+        state = saved_states + (int64_t)values[0];
     switch (kind) {
     case REMOTE_SET: copy(values, c->given.at, count); return put(c);
     case REMOTE_STEP: return move(c, values[0], values[1]);
@@ -211,7 +213,7 @@ static int remote_answer(Served *s)
         s->asked = (int64_t)room[at + 1];
         c = s->calls.at[s->asked];
         count = (int64_t)room[at + 2];
-        done = remote_do(s, c, (int)room[at], room + at + CALL, count);
+        done = remote_do(c, (int)room[at], room + at + CALL, count);
     }
     room[0] = (double)(ANSWER + (done ? count : 0));
     room[1] = done ? 0.0 : (double)c->status;
