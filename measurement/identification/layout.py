@@ -123,7 +123,7 @@ def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:
     still = np.abs(motion.v) < max(3 * spread, 1e-9)
     still[[0, -1]] = True  # the motion before and after is not known
     near = max(1, round(0.25 / (motion.bandwidth * motion.step)))
-    return np.asarray(np.convolve(still, np.ones(2 * near + 1), "same") > 0.5)
+    return np.asarray(np.convolve(still, np.ones(2 * near + 1))[near:-near] > 0.5)
 
 
 def break_aways(course: StackedRecords) -> dict[int, float]:

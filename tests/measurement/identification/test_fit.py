@@ -189,6 +189,17 @@ def test_break_away_is_not_guessed_from_below_it():
         assert "break-away" in i.method
 
 
+def test_a_record_of_one_count_of_motion_does_not_shift_what_the_others_show():
+    """It is smoothed for longer than it lasts."""
+    random = np.random.default_rng(0)
+    records = [record_of(constant_velocity(2e-3), "lugre", LUGRE, random) for _ in range(2)]
+    pushed = record_of(slow_load(1e-6, duration=0.5), "lugre", LUGRE, random)
+    at = np.repeat([0.0, 1e-9], 50)
+    pushed = replace(pushed, signals=dict(pushed.signals) | {"x_fine": at})
+    alone, beside = lay_out(records), lay_out([pushed, *records])
+    assert np.array_equal(beside.still[100:], alone.still)
+
+
 @pytest.mark.ci
 def test_one_speed_does_not_tell_the_parts_of_a_stribeck_curve():
     random = np.random.default_rng(0)
