@@ -19,9 +19,8 @@ from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, ramp, tracked_integral, tracking_time, voltage_law
 from .rigid_axis import rigid_axis
 
-SETS = ("negative large", "negative small", "zero", "positive small", "positive large")
 PEAKS = (-1, sp.Rational(-1, 3), 0, sp.Rational(1, 3), 1)
-"""Value at which each set's membership is one."""
+"""Where each set's membership is one: negative large and small, zero, positive small and large."""
 
 _HALF = sp.Rational(1, 2)
 RULES = (

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (5940, 5290),
     "plant": (1686, 1407),
-    "controllers": (1216, 956),
+    "controllers": (1215, 955),
     "fmus": (4974, 4446),
     "orchestration": (9113, 7997),
     "stability": (2800, 2295),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21953, 20952),
+    "tests": (21955, 20954),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

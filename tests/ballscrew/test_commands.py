@@ -16,6 +16,7 @@ from heavy_drive import HEAVY
 
 from ballscrew import compare
 from ballscrew.cli import command_parser, main
+from ballscrew.orchestration.loop.machine import own_ranges
 from ballscrew.orchestration.loop.parameter_file import Diagnosed, ParameterFile, Value
 from ballscrew.solver import files
 
@@ -153,6 +154,7 @@ def test_the_template_s_own_test_passes_and_the_commands_that_are_told_work(
     assert main([*first[1:], "--stop", "0.1", "--step", "1e-3"]) == 0
     assert main(last[1:]) == 0
     assert Path("fmus/mine.fmu").is_file()
+    assert {*own_ranges("my own/mine.py:mine")} == {"Kp", "Ki", "Kd", "b"}  # what `tune` finds
     assert command_parser().parse_args(first[1:]).out == Path("out/mine")
     assert test == ["pytest", "my own/test_mine.py"]
     ran = subprocess.run(
