@@ -39,9 +39,9 @@ STATED = 0.95
 RIGS = 30  # of each law and group
 OF_A_MISS = ("seed", "parameter", "truth", "value", "low", "high")
 # Laws with prescribed motions; the others' records come from the rig: the force causes the motion.
-PRESCRIBED = tuple(n for n in LAWS if n not in ("maxwell_slip", "classical"))
-_SEEDED = [n for n in LAWS if n != "classical"]  # a law's index is part of its seed
-_SEEDED.insert(7, "classical")  # also when there are more laws
+PRESCRIBED = tuple(n for n in LAWS if n != "maxwell_slip" and not n.endswith("classical"))
+# A law's index is part of its seed; a new law is added at the end.
+_SEEDED = [n for n in LAWS if not n.endswith("classical")] + ["classical", "directional_classical"]
 MIXED = "mixed"
 SUBSETS = (MIXED, "2.4", MIXED, "2.6", MIXED, "2.3.1", MIXED, "2.8")
 _POOL = ("2.2", "2.3.1", "2.4", "2.6", "2.8", "2.10", "2.11", "presliding", "loading-rate")
@@ -67,8 +67,8 @@ def random_truth(law: str, random: Random) -> Truth:
     if law == "bliman_sorine":
         fc, f2 = near(2.06), near(7.0)
         return {"f1": fc + f2, "f2": f2, "eps_f": near(1.5e-4), "eta": random.uniform(0.5, 0.85)}
-    if law == "directional_lugre":
-        both = {side: lugre() for side in ("pos", "neg")}
+    if law.startswith("directional_"):
+        both = {side: random_truth(law.split("_")[1], random) for side in ("pos", "neg")}
         return {f"{n}_{side}": v for side, values in both.items() for n, v in values.items()}
     if law == "classical":
         return {n: v for n, v in lugre().items() if n not in ("sigma0", "sigma1")}
