@@ -121,9 +121,8 @@ static Status end_initialization(Instance *c)
     }
     initialize_states(c);
     if (EVENTS > 0 && c->exchange) {
-        int fired[AT_LEAST_1(EVENTS)]; /* all due events have happened */
-        for (int k = 0; k < EVENTS; k++)
-            fired[k] = 1;
+        int fired[AT_LEAST_1(EVENTS)];
+        memset(fired, 1, sizeof fired); /* all due events have happened */
         watch_mode(c);
         watch_on(c, fired);
     }
