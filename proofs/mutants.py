@@ -50,8 +50,8 @@ PARTS = {
     "solver/c/events.c": "solver/test_events_and_delays.py solver/test_tangents.py",
     "solver/c/crossings.c": "solver/test_tangents.py stability/test_motions.py "
     "stability/test_known_answers.py",
-    "solver/c/tangents.c": "solver/test_tangents.py stability/test_motions.py "
-    "stability/test_known_answers.py",
+    "solver/c/tangents.c": "solver/test_tangents.py solver/test_for_tangents.py "
+    "stability/test_motions.py stability/test_known_answers.py",
     "orchestration/master/c/controller.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/coupling.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/master.c": "orchestration/master/test_couplings.py",

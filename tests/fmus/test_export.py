@@ -19,12 +19,7 @@ from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus import carried_runtime, source_fmu
 from ballscrew.fmus.native.export import NativeFmu
-from ballscrew.orchestration.loop.catalogue import (
-    NAMES,
-    component,
-    fmu,
-    fmu_kernel,
-)
+from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu, fmu_kernel
 from ballscrew.part_api import Export
 from ballscrew.solver import compilers
 from ballscrew.solver.kernel import Model

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from prescribed_motion import prescribed_friction, ways
+from prescribed_motion import motion_kernel, prescribed_friction, ways
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -223,9 +223,15 @@ def test_a_law_gives_out_work(name, motion, values, least):
 
 @pytest.mark.parametrize(
     ("motion", "values", "declared"),
-    [(PULSE, {"sigma1": (1 - 1e-9) * S2 * FC / (FS - FC)}, True), (LET_GO, {}, False)],
+    [
+        (PULSE, {"sigma1": (1 - 1e-9) * S2 * FC / (FS - FC)}, True),
+        (PULSE, {"Fs": FC, "sigma2": 0.0}, True),  # at the limit
+        (LET_GO, {}, False),
+    ],
 )
 def test_the_lugre_law_gives_out_none_below_its_limit_or_to_a_slow_motion(motion, values, declared):
     assert prescribed_friction("lugre", *motion, values).outputs["work"][-1] > 0
+    # an axis may be a million times softer and smoother
+    assert all(p.minimum <= 1e-6 * p.default for p in motion_kernel("lugre").parameters)
     numbers = {symbol(name): value for name, value in (NOMINAL | values).items()}
     assert bool(claims("lugre").passive_if.subs(numbers)) == declared

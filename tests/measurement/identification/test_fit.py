@@ -222,7 +222,9 @@ def test_directions_that_differ_are_noticed(mass):
     truth |= {"sigma_neg": 9e4, "Fc_neg": 2.1, "alpha_neg": 1.0}
     trials = [sine_velocity(s * 1e-3, 1.0, 3.14) for s in (1, -1)]
     records = [record_of(t, "dahl", truth, random, mass=mass) for t in trials]
-    result = identify(records, "dahl")
+    said: list[str] = []
+    result = identify(records, "dahl", progress=said.append)
+    assert [text for text in said if ": fit " in text][-1] == "fitting dahl: fit 3 of 3"
     assert any("directions differ" in note for note in result.notes)
     assert result.per_direction["forwards"]["Fc"].value == pytest.approx(1.9, abs=0.01)
     assert result.per_direction["backwards"]["Fc"].value == pytest.approx(2.1, abs=0.01)

@@ -116,8 +116,7 @@ def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(coupling
 
 
 @pytest.mark.parametrize(
-    "controller",
-    ["pid_sampled", pytest.param("nctf+velocity_estimate", marks=pytest.mark.ci)],
+    "controller", ["pid_sampled", pytest.param("nctf+velocity_estimate", marks=pytest.mark.ci)]
 )
 def test_what_is_sampled_sees_a_jump_no_sooner_and_at_the_next_sample(controller):
     """A jump between two samples, in one solver and over FMUs."""

@@ -64,10 +64,7 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
             Variation(("m",), (1.1, 0.2), "lognormal"),
             lambda f: (1 + math.erf(math.log(f / 1.1) / 0.2 / math.sqrt(2))) / 2,
         ),
-        (
-            Variation(("Fc",), (-10.0, 30.0), "temperature", {"Fc": 0.1}),
-            lambda f: (f + 10) / 40,
-        ),
+        (Variation(("Fc",), (-10.0, 30.0), "temperature", {"Fc": 0.1}), lambda f: (f + 10) / 40),
     ],
     ids=lambda v: getattr(v, "distribution", ""),
 )
@@ -87,11 +84,7 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
     ("old", "new", "message"),
     [
         ("version = 1", "version = 2", "version is 2, expected 1"),
-        (
-            "[controllers.pid]",
-            "[controler.pid]",
-            "no 'controler', did you mean controllers",
-        ),
+        ("[controllers.pid]", "[controler.pid]", "no 'controler', did you mean controllers"),
         ("stop = 1.0", "stop = 1.0 s", "is not a TOML"),
         ("[10.0, 3000.0]", "[3000.0, 10.0]", "the lower one first"),
         ("[10.0, 3000.0]", "[10.0, nan]", "expected two finite numbers"),
@@ -109,11 +102,7 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
         ("tune = true", "tune = false", "has 1 controllers, 0 duties to tune on and 2 to judge by"),
         ("step:size=-1e-3", "move:distance=0.01", "has the motion of a tuning duty"),
         ('name = "b"', 'name = "a"', "two [[duty]] have the same name"),
-        (
-            "stop = 1.0",
-            "stop = 1.0\nplant = {load_force = 5}",
-            "no parameter 'load_force'",
-        ),
+        ("stop = 1.0", "stop = 1.0\nplant = {load_force = 5}", "no parameter 'load_force'"),
         ("uniform = [0.7, 1.3]", "", "has no distribution, expected one of uniform, normal"),
         (
             "uniform = [0.7, 1.3]",
@@ -123,11 +112,7 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
         ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "parameter Fc = -"),
         (VARY, "temperature = [40, 0]\ncoefficients = {Fc = -0.01}", "expected [least, largest]"),
         (VARY, "temperature = [0, 40]", "expected coefficients with it"),
-        (
-            "[[duty]]",
-            f"[[vary]]\n{VARY}\n[[duty]]",
-            "two [[vary]] have the same name",
-        ),
+        ("[[duty]]", f"[[vary]]\n{VARY}\n[[duty]]", "two [[vary]] have the same name"),
         ('"Fc", "Fs"', '"Fc", "Fz"', "plant has no parameter 'Fz'; nearest: F"),
     ],
 )
