@@ -15,10 +15,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5940, 5290),
+    "solver": (5924, 5274),
     "plant": (1686, 1407),
     "controllers": (1215, 955),
-    "fmus": (4974, 4446),
+    "fmus": (4973, 4445),
     "orchestration": (9113, 7997),
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21955, 20954),
+    "tests": (21942, 20941),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 
