@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5924, 5274),
+    "solver": (5923, 5273),
     "plant": (1686, 1407),
     "controllers": (1215, 955),
     "fmus": (4973, 4445),

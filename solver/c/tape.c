@@ -4,16 +4,17 @@
 
 #define MOST_REGISTERS 8192
 
-enum {
-    ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, POWER, MODULO,
-    LESS, LESS_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT,
-    LARGER, SMALLER, SELECT, /* a where c is not 0, else b */
-    CALL_1, CALL_2,          /* function number c of one argument, of two */
-    LOAD, STORE,             /* element b of vector a; to it from register c */
-    JUMP, JUMP_UNLESS,       /* to operation a + 65536 b; unless c */
-    RETURN,                  /* c */
-    DIFFERENCES              /* instead of a Jacobian; the constants are sizes of the states */
-};
+#define EACH_OPERATION(X)                                                                     \
+    X(ADD) X(SUBTRACT) X(MULTIPLY) X(DIVIDE) X(NEGATE) X(POWER) X(MODULO)                     \
+    X(LESS) X(LESS_EQUAL) X(EQUAL) X(NOT_EQUAL) X(AND) X(OR) X(NOT) X(LARGER) X(SMALLER)      \
+    X(SELECT)                /* a where c is not 0, else b */                                 \
+    X(CALL_1) X(CALL_2)      /* function number c of one argument, of two */                  \
+    X(LOAD) X(STORE)         /* element b of vector a; to it from register c */               \
+    X(JUMP) X(JUMP_UNLESS)   /* to operation a + 65536 b; unless c */                         \
+    X(RETURN) X(DIFFERENCES) /* c; for a Jacobian, from sizes of the states as constants */
+#define NUMBER(name) name,
+#define LABEL(name) &&name,
+enum { EACH_OPERATION(NUMBER) };
 
 /* Vectors of a tape. */
 enum { X, U, P, FIRST_RESULT, SECOND_RESULT, THIRD_RESULT, VECTORS };
@@ -45,44 +46,43 @@ static double (*const OF_TWO[])(double, double) = {atan2, copysign, fmod, hypot,
 
 #define SHIFT 1e-8 /* of a difference, as a share of the size */
 
+/* Each operation jumps to the next itself: a common switch is foreseen badly by processors. */
+#define NEXT goto *TO[(++o)->operation]
+#define THEN(result) r[o->to] = (result); NEXT
+
 static double play(const Tape *tape, double t, int event, double *const vectors[VECTORS])
 {
+    static const void *const TO[] = {EACH_OPERATION(LABEL)};
     double r[MOST_REGISTERS];
     const Operation *o = tape->operations;
     r[TIME_REGISTER] = t;
     r[EVENT_REGISTER] = event;
     memcpy(r + FIRST_CONSTANT, tape->constants, (size_t)tape->constant_count * sizeof(double));
-    for (;; o++) {
-        switch (o->operation) {
-        case ADD: r[o->to] = r[o->a] + r[o->b]; break;
-        case SUBTRACT: r[o->to] = r[o->a] - r[o->b]; break;
-        case MULTIPLY: r[o->to] = r[o->a] * r[o->b]; break;
-        case DIVIDE: r[o->to] = r[o->a] / r[o->b]; break;
-        case NEGATE: r[o->to] = -r[o->a]; break;
-        case POWER: r[o->to] = pow(r[o->a], r[o->b]); break;
-        case MODULO: r[o->to] = modulo(r[o->a], r[o->b]); break;
-        case LESS: r[o->to] = r[o->a] < r[o->b]; break;
-        case LESS_EQUAL: r[o->to] = r[o->a] <= r[o->b]; break;
-        case EQUAL: r[o->to] = r[o->a] == r[o->b]; break;
-        case NOT_EQUAL: r[o->to] = r[o->a] != r[o->b]; break;
-        case AND: r[o->to] = r[o->a] != 0.0 && r[o->b] != 0.0; break;
-        case OR: r[o->to] = r[o->a] != 0.0 || r[o->b] != 0.0; break;
-        case NOT: r[o->to] = r[o->a] == 0.0; break;
-        case LARGER: r[o->to] = larger(r[o->a], r[o->b]); break;
-        case SMALLER: r[o->to] = smaller(r[o->a], r[o->b]); break;
-        case SELECT: r[o->to] = r[o->c] != 0.0 ? r[o->a] : r[o->b]; break;
-        case CALL_1: r[o->to] = OF_ONE[o->c](r[o->a]); break;
-        case CALL_2: r[o->to] = OF_TWO[o->c](r[o->a], r[o->b]); break;
-        case LOAD: r[o->to] = vectors[o->a][o->b]; break;
-        case STORE: vectors[o->a][o->b] = r[o->c]; break;
-        case JUMP: o = tape->operations + o->a + 65536 * o->b - 1; break;
-        case JUMP_UNLESS:
-            if (r[o->c] == 0.0)
-                o = tape->operations + o->a + 65536 * o->b - 1;
-            break;
-        default: return r[o->c];
-        }
-    }
+    goto *TO[o->operation];
+    ADD: THEN(r[o->a] + r[o->b]);
+    SUBTRACT: THEN(r[o->a] - r[o->b]);
+    MULTIPLY: THEN(r[o->a] * r[o->b]);
+    DIVIDE: THEN(r[o->a] / r[o->b]);
+    NEGATE: THEN(-r[o->a]);
+    POWER: THEN(pow(r[o->a], r[o->b]));
+    MODULO: THEN(modulo(r[o->a], r[o->b]));
+    LESS: THEN(r[o->a] < r[o->b]);
+    LESS_EQUAL: THEN(r[o->a] <= r[o->b]);
+    EQUAL: THEN(r[o->a] == r[o->b]);
+    NOT_EQUAL: THEN(r[o->a] != r[o->b]);
+    AND: THEN(r[o->a] != 0.0 && r[o->b] != 0.0);
+    OR: THEN(r[o->a] != 0.0 || r[o->b] != 0.0);
+    NOT: THEN(r[o->a] == 0.0);
+    LARGER: THEN(larger(r[o->a], r[o->b]));
+    SMALLER: THEN(smaller(r[o->a], r[o->b]));
+    SELECT: THEN(r[o->c] != 0.0 ? r[o->a] : r[o->b]);
+    CALL_1: THEN(OF_ONE[o->c](r[o->a]));
+    CALL_2: THEN(OF_TWO[o->c](r[o->a], r[o->b]));
+    LOAD: THEN(vectors[o->a][o->b]);
+    STORE: vectors[o->a][o->b] = r[o->c]; NEXT;
+    JUMP: o = tape->operations + o->a + 65536 * o->b - 1; NEXT;
+    JUMP_UNLESS: if (r[o->c] == 0.0) goto JUMP; NEXT;
+    RETURN: DIFFERENCES: return r[o->c];
 }
 
 /* A tape only reads the vectors that its function must not write. */
