@@ -26,7 +26,7 @@ from ..solver.tape import record_edited
 from .process_end import end_cleanly
 
 MAX_STEPS = 200_000
-_Saved = tuple[Any, Any, str, bool]  # memory, delayed signals, failure, whether it has started
+_Saved = tuple[bytes, bytes, str, bool]  # memory, delayed signals, failure, whether it has started
 ROUND_OFF = 1e-9  # share of a sampling period within which two times are equal
 
 
@@ -56,11 +56,13 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         library = Path(folder).parent / "binaries" / "linux64" / f"{at['model']}.so"
         end_cleanly(library)
         self.modelName = at["model"]
-        self.memory = np.array(at["initial"])
-        self._places = np.array(at["places"])  # by value reference
+        self.memory = np.array([*at["initial"], *at["nominal"]])
+        view: Any = self.memory.data  # of which Python reads a number sooner than of an array
+        self._bytes, self._numbers = view.cast("B"), view[: at["size"]]
         self.failure = ""
         self.started = False
         n = len(at["nominal"])
+        self._atol = self.memory[at["size"] :]
         self._held = self.memory[: at["held"]]
         self._p = self.memory[at["parameters"] : at["states"]]
         self._x = self.memory[at["states"] : at["states"] + n]
@@ -68,8 +70,6 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._info = self.memory[at["info"] : at["time"]]
         self._discrete = self._held[at["inputs"] : at["inputs"] + at["discrete"]]
         self._update = np.zeros(len(self._discrete))
-        self._nominal = np.array(at["nominal"])
-        self._atol = np.zeros(n)
         self._system: Any = None  # if it cannot be run
         self._stale = True
         file = Path(folder, f"{self.equations}.py")
@@ -96,7 +96,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             return self.tapes
         self.log(f"{self.instance_name}: {file.name} was edited; it runs as it is now")
         sizes = {"p": len(self._p), "y": len(self._y), "d": len(self._discrete)}
-        return record_edited(text.decode(), self.tapes, self._nominal, sizes)
+        return record_edited(text.decode(), self.tapes, np.array(self.layout["nominal"]), sizes)
 
     # -- variables ---------------------------------------------------------------------------
 
@@ -104,15 +104,16 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     # request with a wrong type returns NaN, and the next step fails.
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
+        places, numbers = self.layout["places"], self._numbers
         try:
-            places = self._places[vrs]
-            total = math.fsum(values) if all(map(math.isfinite, values)) else math.nan
-            if total != total:
-                bad = next(k for k, value in enumerate(values) if not math.isfinite(value))
+            if not math.isfinite(sum(values)):  # of numbers, it may be too large
                 names = {place: name for name, place in self.layout["names"].items()}
-                self._fail(f"{names[places[bad]]} was set to {values[bad]}, not a number")
-                return
-            self.memory[places] = values
+                for vr, value in zip(vrs, values, strict=True):
+                    if not math.isfinite(value):
+                        self._fail(f"{names[places[vr]]} was set to {value}, not a number")
+                        return
+            for vr, value in zip(vrs, values, strict=True):
+                numbers[places[vr]] = value
         except (IndexError, KeyError):
             for vr in vrs:
                 self._place(vr, "cannot be set; it is not an input or a parameter")
@@ -121,12 +122,12 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     def get_real(self, vrs: list[int]) -> list[float]:
         if self._stale:
             self._compute_outputs()
+        places, numbers = self.layout["places"], self._numbers
         try:
-            values: list[float] = self.memory[self._places[vrs]].tolist()
+            return [numbers[places[vr]] for vr in vrs]
         except IndexError:
-            places = [self._place(vr, "is a String, not a number") for vr in vrs]
-            values = [math.nan if p is None else float(self.memory[p]) for p in places]
-        return values
+            found = [self._place(vr, "is a String, not a number") for vr in vrs]
+            return [math.nan if p is None else numbers[p] for p in found]
 
     def _place(self, vr: int, wrong: str) -> int | None:
         """Place of a Real; None, and a failure with the text `wrong`, if there is none."""
@@ -168,9 +169,10 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     def _compute_outputs(self) -> None:
         if not self.started:
             self._initialize_states()
-        self._take_frame()
+        if self.layout["frame"]:
+            self._take_frame()
         if self._system:
-            self._instance.out(self.memory[self.layout["time"]])
+            self._instance.out(self._numbers[self.layout["time"]])
         else:
             self._y[:] = math.nan
         self._stale = False
@@ -178,7 +180,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     def _take_frame(self) -> None:
         """Set tangents from their inputs, if a new frame is requested."""
         at = self.layout["frame"]
-        if at and self.memory[at["ask"]] != self.memory[at["seen"]]:
+        if self.memory[at["ask"]] != self.memory[at["seen"]]:
             self.memory[at["seen"]] = self.memory[at["ask"]]
             given = self.memory[at["from"] : at["from"] + at["count"]]
             self.memory[at["to"] : at["to"] + at["count"]] = given
@@ -212,7 +214,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         first = at["starts"]
         self._x[:] = self.memory[first : first + n]
         self._discrete[:] = self.memory[first + n : first + n + len(self._discrete)]
-        self._scale_tolerances()
+        self._atol[:] = self.memory[at["tolerance"]] * np.array(at["nominal"])
         self._info[:] = 0.0
         if self._system:
             self._system.forget()
@@ -230,9 +232,6 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         if status != DONE:
             self._fail(f"events follow each other without end at t = {time:.9g} s")
 
-    def _scale_tolerances(self) -> None:
-        np.multiply(self._nominal, self.memory[self.layout["tolerance"]], out=self._atol)
-
     def do_step(self, current_time: float, step_size: float) -> bool:
         if self.failure:
             self._log_failure()
@@ -240,11 +239,12 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         if not step_size > 0.0 or not math.isfinite(current_time + step_size):
             self._fail(f"a step from t = {current_time} s by {step_size} s is invalid")
             return False
-        at = self.layout
-        self._take_frame()
+        at, numbers = self.layout, self._numbers
+        if at["frame"]:
+            self._take_frame()
         try:
             if at["step_start"] >= 0:
-                self._held[at["step_start"]] = current_time
+                numbers[at["step_start"]] = current_time
             if at["sample_time"] < 0:
                 done = self._advance(current_time, current_time + step_size)
             else:
@@ -252,12 +252,12 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         except Exception as error:
             done = False
             self._fail(f"{error} in the step from t = {current_time:.9g} s")
-        self.memory[at["time"]] = current_time + step_size
+        numbers[at["time"]] = current_time + step_size
         self._stale = True
         return done
 
     def _advance(self, t0: float, t1: float) -> bool:
-        tolerance = self.memory[self.layout["tolerance"]]
+        tolerance = self._numbers[self.layout["tolerance"]]
         status = self._instance.advance(t0, t1, tolerance, MAX_STEPS)
         if status == NOT_FINITE:
             self._fail(f"the state is not finite at t = {t1:.9g} s")
@@ -294,21 +294,20 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     # -- state -------------------------------------------------------------------------------
 
     def _get_fmu_state(self) -> _Saved:
-        history = self._system.history if self._system else np.zeros(0)
-        return self.memory.copy(), history.copy(), self.failure, self.started
+        delays = self._system and self._system.delays
+        history = self._system.history.tobytes() if delays else b""
+        return self.memory.tobytes(), history, self.failure, self.started
 
     def _set_fmu_state(self, state: _Saved) -> None:
-        memory, history, self.failure, self.started = state
-        self.memory[:] = memory
-        if self._system:
-            self._system.remember(history)
-        self._scale_tolerances()
+        self._bytes[:], history, self.failure, self.started = state
+        if history:
+            self._system.remember(np.frombuffer(history))
         self._stale = True
 
     @staticmethod
     def _fmu_state_to_bytes(state: _Saved) -> bytes:
         memory, history, failure, started = state
-        parts = memory.tobytes(), history.tobytes(), failure.encode()
+        parts = memory, history, failure.encode()
         sizes = (len(part).to_bytes(8, "little") for part in parts)
         return b"".join([bytes([started]), *sizes, *parts])
 
@@ -318,8 +317,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         for k in range(3):
             ends.append(ends[-1] + int.from_bytes(data[1 + 8 * k : 9 + 8 * k], "little"))
         memory, history, failure = (data[a:b] for a, b in pairwise(ends))
-        numbers = np.frombuffer(memory).copy(), np.frombuffer(history).copy()
-        return *numbers, failure.decode(), bool(data[0])
+        return memory, history, failure.decode(), bool(data[0])
 
     # -- errors ------------------------------------------------------------------------------
 
