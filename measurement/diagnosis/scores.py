@@ -222,7 +222,7 @@ def _gain(before: Vector, after: Vector) -> Gain:
     """The gain of squares by block, shape (blocks,)."""
     n = len(before)
     whole, left = max(float(before.sum()), 1e-300), float(after.sum())
-    each = (left - after) / np.maximum(whole - before, 1e-300)
+    each = (left - after) / np.maximum(whole - before, 1e-100)
     error = math.sqrt((n - 1) / n * float(np.sum((each - each.mean()) ** 2)))
     share, reach = 1.0 - left / whole, float(student.ppf(0.95, n - 1)) * error
     return Gain(share, (share - reach, share + reach))

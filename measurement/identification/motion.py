@@ -236,7 +236,7 @@ def _to_noise(
     else:
         strength = _strength(readings, noise, np.ones(bends))
         bent = np.diff(_smooth(readings, strength), 2) ** 2
-        near = np.convolve(bent, np.ones(_NEAR) / _NEAR, "same")
+        near = np.convolve(bent, np.full(min(_NEAR, bends), 1.0 / _NEAR), "same")
         calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
         strength = _strength(readings, noise, 1.0 / calm)
     smooth = _smooth(readings, strength)

@@ -76,10 +76,8 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     swings = tried / (_FINER * way)
     of_force = np.array([f < 1.0 / _SHORTEST_PERIOD and known(f) for f in swings])
     for flips in (True, False):
-        power = np.zeros(len(swings))
-        for c in courses:
-            power += _power((c.x - low) / way, _along_way(c, flips))[tried]
-        for k in _strongest(power, of_force):
+        power = [_power((c.x - low) / way, _along_way(c, flips))[tried] for c in courses]
+        for k in _strongest(np.sum(power, axis=0), of_force):
             if all(abs(swings[k] - f) > apart for f in found):
                 peak = _peak(courses, float(swings[k]), apart, flips)
                 found += [peak] * known(peak)
@@ -123,7 +121,8 @@ class Beats(NamedTuple):
 def _strongest(power: Vector, known: Mask) -> list[int]:
     """Indices of a spectrum's peaks."""
     # peaks relative to their surroundings: slow variation has more power at few periods
-    rises = np.where(known, power / median_filter(power, _AROUND, mode="nearest"), 0.0)
+    around = np.maximum(median_filter(power, _AROUND, mode="nearest"), 1e-300)  # no force, no power
+    rises = np.where(known, power / around, 0.0)
     power = np.where(known, power, 0.0)
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
     steepest, strongest = (inner[np.argsort(-p[inner])] for p in (rises, power))

@@ -14,12 +14,8 @@ from ballscrew.measurement.diagnosis.windows import windows
 pytestmark = pytest.mark.ci
 
 
-@pytest.fixture(scope="module")
-def course():
-    return lay_along(strong_record({}), nominal())
-
-
-def test_white_noise_has_its_variance_in_every_number_of_every_band(course):
+def test_white_noise_has_its_variance_in_every_number_of_every_band():
+    course = lay_along(strong_record({}), nominal())
     bands = cut([course], nominal())
     size, many = 3.0, 200
     shape = windows(len(course.x), course.width), 1 + course.has_current, many

@@ -90,10 +90,8 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
     other = check_record("other", loaded(seed=5))
     models = compare_records([other], file).models
     assert models["prior"]["all"].force.value == pytest.approx(LOAD, rel=0.1)
-    gaps = {
-        **without(other.signals, "u"),
-        "i": np.where(other.time < 1.0, np.nan, other.signals["i"]),
-    }
+    gaps = without(other.signals, "u")
+    gaps["i"] = np.where(other.time < 1.0, np.nan, gaps["i"])
     with pytest.raises(BadRecord, match="there is no command u, and the current i has gaps"):
         compare_records([dataclasses.replace(other, signals=gaps, command=CURRENT)], file)
     with pytest.raises(BadRecord, match="u is a voltage, and the drive is driven by a current"):

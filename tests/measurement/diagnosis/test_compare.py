@@ -118,7 +118,4 @@ def test_a_short_record_has_figures_and_no_intervals():
     short = check_record("short", {n: s[:2500] for n, s in record.signals.items()})
     found = compare_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
     assert found.models["prior"]["all"].force.interval is None
-    assert found.to_dict()["models"]["prior"]["all"]["force"] == {
-        "value_N": found.models["prior"]["all"].force.value,
-        "interval_N": None,
-    }
+    assert found.to_dict()["models"]["prior"]["all"]["force"]["interval_N"] is None

@@ -15,25 +15,26 @@ import pytest
 from axis_records import friction_noise, gap, moved, signals_of, strong_record, to_and_fro
 from diagnosed import nominal
 from slide_records import believed, slide_record
-from worlds import draw_case as draw_world
-from worlds import write_case as write_world
+from worlds import draw_case, write_case
 
-from ballscrew import compare, diagnose
+from ballscrew import compare, diagnose, identify, read_parameters
+from ballscrew.measurement.diagnosis.causes.travel import periods
+from ballscrew.measurement.diagnosis.compare import compare_records
 from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
+from ballscrew.measurement.diagnosis.motion import courses_of
 from ballscrew.measurement.diagnosis.report import verdict_sentence
 from ballscrew.measurement.diagnosis.scores import OUTSIDE
-from ballscrew.measurement.records.reading import check_record
+from ballscrew.measurement.records.reading import FORCE_RECORD, check_record
 from ballscrew.solver.errors import BadRecord
 
 EMPS = Path(__file__).parents[3] / "docs" / "emps.toml"
 in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 
-LIMITED = {"limit": 3.2}
 TRUTH = {
     "load_bias": ({"load": 0.4}, "load", 0.4),
     "backlash": (gap(1e-4), "gap", 1e-4),
     "friction_drift": ({"drift": 0.24, "drift_viscous": 0.24}, "friction_drift", 0.24),
-    "voltage_saturation": (LIMITED, "voltage_limit", 3.2),
+    "voltage_saturation": ({"limit": 3.2}, "voltage_limit", 3.2),
 }
 OTHERS = ("friction_drift", "voltage_saturation")
 
@@ -106,6 +107,25 @@ def test_where_more_than_a_fifth_of_the_friction_would_not_be_seen_nothing_is_de
 def test_without_a_record_it_is_said_what_is_missing(command):
     with pytest.raises(BadRecord, match="expected one file of measured data"):
         command([], EMPS)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("count", [20, 60, 300])
+def test_short_records_have_results(count):
+    time = 5e-3 * np.arange(count)
+    for x in np.round(2e-2 * np.sin(20 * time), 5), 0.05 * time**2:
+        v = np.gradient(x, 5e-3)
+        force = 80.0 * np.sign(v) + 200.0 * v + np.random.default_rng(1).standard_normal(count)
+        made = {"time": time, "x": x, "force": force, "u": np.full(count, 9.0)}
+        assert identify([check_record("short", made, use=FORCE_RECORD)], "lugre").parameters
+        if count == 300:
+            record = check_record("short", made, "force")
+            assert compare_records([record], read_parameters(EMPS)).models
+            assert diagnose_records([record], believed()).verdict
+
+
+def test_where_no_force_is_missing_no_swing_is_tried():
+    assert periods(courses_of([slide_record()], believed()), believed(), "swings", [1]) == []
 
 
 @pytest.mark.ci
@@ -199,8 +219,8 @@ def test_two_effects_are_both_in_the_answer_and_built_in_where_one_is_taken(tmp_
 
 
 def found_in_world(tmp_path, world, effects, seed):
-    case = draw_world(world, effects, seed)
-    records, prior_model = write_world(case, tmp_path)
+    case = draw_case(world, effects, seed)
+    records, prior_model = write_case(case, tmp_path)
     return case, diagnose(records, params=prior_model)
 
 

@@ -28,14 +28,10 @@ def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model():
     assert 0.5 < found.force_rms / known < 2.0
 
 
-STEP = 1e-5  # m
-
-
 def test_a_jump_is_named_and_changes_nothing_else():
     """Friction of half its size in the model, and ten micrometres at three seconds."""
     record = strong_record({}, samples=6_000)
-    late = record.time > record.time[3_000]
-    x = record.x + STEP * late
+    x = record.x + 1e-5 * (record.time > record.time[3_000])
     jumped = check_record("made", record.signals | {"x": x})
     model = nominal()
     wrong = model.changed({"Fc": 2.0 * model.values["Fc"]})

@@ -176,9 +176,8 @@ def simulated(model, found):
     fine = dict(zip(names, states.T, strict=True))
     x, v = fine["x"][::PARTS], fine["v"][::PARTS]
     if not model.has_motor:
-        still = np.zeros(SAMPLES)
         force = model.values["gain"] * u - model.linear.inertia * np.diff(v) / STEP
-        return Motion(x[:-1].copy(), v[:-1].copy(), still, u, force)
+        return Motion(x[:-1].copy(), v[:-1].copy(), np.zeros(SAMPLES), u, force)
     q, i = model.values, fine["i"][::PARTS]
     mean = (0.5 * (fine["i"][1:] + fine["i"][:-1])).reshape(-1, PARTS).mean(axis=1)
     rates = {"emf": model.linear.back_emf * np.diff(x), "coil": q["L"] * np.diff(i)}
@@ -227,10 +226,7 @@ def apart(seen, told, where):
     ids=["periodic and load", "compliance", "drive, sticking", "backlash", "bend, sticking"],
 )
 def test_the_force_in_motion_is_the_one_it_was_found_by(model, names):
-    check_force_in_motion(model, [(n, FOUND[n]) for n in names])
-
-
-def check_force_in_motion(model, found):
+    found = [(n, FOUND[n]) for n in names]
     motion = simulated(model, found)
     without, whole = foretold(model, motion, found)
     moving = np.abs(motion.v) > 1e-4  # stuck, the classical law does not say which force
