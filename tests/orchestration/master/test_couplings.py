@@ -40,8 +40,8 @@ def parts(law=True, **how):
     none = np.zeros((2, len(ports)))
     plant = kind("plant", A, wide, np.eye(2), none, ports, names, START)
     plant.can_save = how.get("can_save", True)
-    controller = LinearSlave("controller", AC, BC, C, D, [*names, "x_d"], ["u"], OWN_START, **how)
-    return plant, controller
+    shown = np.vstack([C, [[1.0]]]), np.vstack([D, 0.0 * D]), [*names, "x_d"], ["u", "z"]
+    return plant, LinearSlave("controller", AC, BC, *shown, OWN_START, **how)
 
 
 def follow(a, b, h, x, given, ramp=0.0):
@@ -116,7 +116,7 @@ class Pair:
 
 def by_hand(pair, times, goal):
     """What the pair does from time to time, in steps that end at jumps of the set-point, too."""
-    rows, commands = [START], [command(START, OWN_START, goal.at(0.0))]
+    rows, commands, own = [START], [command(START, OWN_START, goal.at(0.0))], [OWN_START[0]]
     pair.held = commands[0]
     seen = {name: [] for name in ("y", "residual", "effect", "contraction")}
     for start, end in itertools.pairwise(times):
@@ -131,9 +131,10 @@ def by_hand(pair, times, goal):
             for name in ("y", "residual", "contraction"):
                 seen[name].append(getattr(pair, name))
         rows.append(pair.y)
+        own.append(pair.z[0])
         commands.append(command(pair.y, pair.z, goal.at(end)))
     seen = {name: np.array(values) for name, values in seen.items()}
-    return SimpleNamespace(rows=np.array(rows), commands=np.array(commands), **seen)
+    return SimpleNamespace(rows=np.array(rows), commands=np.array(commands), own=own, **seen)
 
 
 def outputs(run):
@@ -144,7 +145,7 @@ def contraction_of(run, corrected, lengths):
     """The mean over the steps, weighted by the effect as a share of the range up to there."""
     seen = np.vstack([START, run.y])
     ranges = np.maximum.accumulate(seen) - np.minimum.accumulate(seen)
-    shares = corrected.effect * lengths[:, None] / np.maximum(ranges[1:], 0.01)
+    shares = corrected.effect * lengths[:, None] / np.maximum(ranges[1:], 0.1)
     return np.average(corrected.contraction, weights=shares.max(axis=1))
 
 
@@ -154,7 +155,9 @@ def test_a_run_is_its_recursion_and_its_effect_that_of_a_correction(coupling, co
     """Probed derivatives are differences, which are right to 1e-8 here; the rest is round-off."""
     law = coupling is LAW
     size = 1e-7 if law else 1e-11
-    run = run_loop(Sides(*parts(law), GOAL, STOP, coupling, corrections), STEP, look=False)
+    plant, controller = parts(law)
+    plant.nominal = lambda name: 10.0
+    run = run_loop(Sides(plant, controller, GOAL, STOP, coupling, corrections), STEP, look=False)
     times = np.append(np.arange(21) * STEP, STOP)
     lengths = np.diff(np.sort(np.append(times, 0.63)))
     np.testing.assert_allclose(run.time, times, rtol=0, atol=1e-15)
@@ -162,6 +165,7 @@ def test_a_run_is_its_recursion_and_its_effect_that_of_a_correction(coupling, co
     exact = by_hand(Pair(coupling, corrections, law or corrections), times, GOAL)
     np.testing.assert_allclose(outputs(run), exact.rows, rtol=0, atol=size)
     np.testing.assert_allclose(run.commands["u"], exact.commands, rtol=0, atol=10 * size)
+    np.testing.assert_allclose(run.others["controller.z"], exact.own, rtol=0, atol=size)
     corrected = by_hand(Pair(coupling, True, True), times, GOAL)
     residual, effect = np.abs(exact.residual).max(), corrected.effect.max(axis=0)
     assert run.residual_max["u"] == pytest.approx(residual, abs=10 * size)
@@ -326,6 +330,23 @@ def test_a_loop_that_diverges_stops_at_its_bound_and_one_that_cannot_go_on_says_
     run = run_loop(Sides(plant, controller, STILL, 1.0, GAUSS_SEIDEL), STEP)
     assert run.stopped == "no further (in the step from t = 0.5 s)"
     assert run.time[-1] == pytest.approx(0.5)
+    plant, controller = parts(False)
+
+    def writer(names):
+        write = LinearSlave.writer(controller, names)
+
+        def checked(values):
+            if values[-1] < 0:
+                raise StepFailed("no such set-point")
+            write(values)
+
+        return checked
+
+    controller.writer = writer
+    jumps = Reference(np.array([0.0, 0.5, 0.5, 2.0]), np.array([1.0, 1.0, -1.0, -1.0]))
+    run = run_loop(Sides(plant, controller, jumps, 1.0, GAUSS_SEIDEL), STEP, look=False)
+    assert run.stopped.startswith("no such set-point")
+    assert run.time[-1] == pytest.approx(0.45)
     with pytest.raises(CouplingError, match="corrections need both FMUs to save"):
         Sides(*parts(False, can_save=False), STILL, 1.0, corrections=1)
 
