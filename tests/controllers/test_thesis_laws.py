@@ -115,6 +115,9 @@ def test_printed_design_of_the_nominal_plant_gives_the_printed_gains():
     assert defaults["Ki"] == pytest.approx(9 * 30 / (1.193 * 0.1193), rel=1e-12)
     with pytest.raises(ValueError, match="design mode is 'print', expected 'printed' or 'fitted'"):
         design(mode="print")
+    for never in (1e-30, 1.0):
+        with pytest.raises(ValueError, match="does not fall below"):
+            design(stopped_speed=never)
 
 
 @pytest.mark.ci
