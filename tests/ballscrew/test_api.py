@@ -53,8 +53,7 @@ def test_each_result_is_saved_drawn_tabled_and_shown(results, kind, tmp_path):
     assert (tmp_path / "report.html").is_file()
     assert len(result.plot().axes) > 0
     assert result.plot()._repr_png_().startswith(b"\x89PNG")
-    table = result.to_pandas()
-    assert len(table) > 0
+    assert len(result.to_pandas()) > 0
     html = result._repr_html_()
     assert html.startswith("<p><b>")
     assert "<td>" in html
@@ -98,8 +97,7 @@ def test_a_component_made_a_minute_ago_runs_and_has_exponents(tmp_path):
     assert result.trusted, result.headline()
     changed = ballscrew.run(own, stop=0.5, controller_values={"Kp": 30.0})
     assert changed.run.commands["u"][0] == pytest.approx(0.1 * result.run.commands["u"][0])
-    found = ballscrew.lyapunov(own, stop=1.0)
-    assert found.label.startswith("proportional on plant")
+    assert ballscrew.lyapunov(own, stop=1.0).label.startswith("proportional on plant")
     assert ballscrew.export(own, tmp_path / "own.fmu").is_file()
 
 

@@ -11,7 +11,6 @@ def command(capsys, monkeypatch):
 
     def run(folder, words):
         monkeypatch.chdir(folder)
-        code = main(words.split())
-        return code, *capsys.readouterr()
+        return main(words.split()), *capsys.readouterr()
 
     return run

@@ -128,6 +128,5 @@ def test_what_cannot_be_run_is_one_line(swing, tmp_path, old, new, words):
     assert words in host.message()
     assert "\n" not in host.message()
     assert np.isnan(host.get("x"))
-    state = host.fmu.getFMUState()
-    host.fmu.setFMUState(state)
+    host.fmu.setFMUState(host.fmu.getFMUState())
     host.close()

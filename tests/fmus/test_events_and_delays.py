@@ -68,8 +68,7 @@ def test_a_ball_bounces_when_it_must_in_both_kinds_of_simulation(written):
         exact = np.where(t < ground, 1 - g / 2 * t**2, after)
         assert np.abs(course["h"] - exact).max() <= tolerance
         assert course["s"][-1] == 3.0
-    model = Model(generate(part))
-    assert model.simulate(np.array([0.0, 1.0])).outputs["s"][-1] == 3.0
+    assert Model(generate(part)).simulate(np.array([0.0, 1.0])).outputs["s"][-1] == 3.0
 
 
 # -- model exchange ----------------------------------------------------------------------------
@@ -190,8 +189,7 @@ def test_an_fmu_gives_the_numbers_of_the_model(written, kind):
         model.advance(t, t + 1e-3)
         y = model.outputs(t + 1e-3, model.x)
         assert host.get(*OUTPUTS) == [y[n] for n in OUTPUTS]
-        late = command(k - 12) if k >= 12 else 0.0
-        assert y["heard"] == pytest.approx(late, abs=1e-9)
+        assert y["heard"] == pytest.approx(command(k - 12) if k >= 12 else 0.0, abs=1e-9)
     host.close()
 
 

@@ -69,8 +69,7 @@ def test_friction_from_rest_is_the_sum_of_two_exponentials():
 
 
 def test_the_peak_after_a_reversal_is_the_one_that_the_map_of_eq_2_8_takes():
-    grid = np.linspace(0, 1.0, 20001)
-    time = np.r_[0.0, 5.0, 5.0 + grid]
+    time = np.r_[0.0, 5.0, 5.0 + np.linspace(0, 1.0, 20001)]
     velocity = np.r_[-1e-3, -1e-3, np.full(20001, 1e-3)]
     got = prescribed_friction("bliman_sorine", time, velocity, tolerance=1e-10)
     assert got.outputs["friction"].max() == pytest.approx(2.502, abs=5e-4)

@@ -301,8 +301,7 @@ def dead_time(expression=None, **more):
 
 def test_a_delayed_jump_is_integrated_without_error():
     """Both sides of the jump, though no call ends there."""
-    sum_of = State("x", "V*s", "integral", LATE)
-    model = model_of(dead_time(states=(sum_of,)), 1e-6)
+    model = model_of(dead_time(states=(State("x", "V*s", "integral", LATE),)), 1e-6)
     model.set_input("u", 2.0)
     model.advance(0.0, 0.2)
     model.set_input("u", 5.0)

@@ -151,8 +151,7 @@ def test_the_figures_of_a_linear_system_are_the_exact_ones_in_bits():
 def test_round_off_in_the_cancelled_jacobian_of_a_linearizing_loop_is_in_the_limits_errors(goal):
     # s^3 + 18 s^2 + 107 s + 210 = (s + 5)(s + 6)(s + 7), and the line of equilibria
     found = ballscrew.lyapunov("iol", reference=goal).motion
-    off = np.abs(found.limit - [0.0, -5.0, -6.0, -7.0])
-    assert np.all(off <= found.limit_error)
+    assert np.all(np.abs(found.limit - [0.0, -5.0, -6.0, -7.0]) <= found.limit_error)
     assert found.limit_error.max() < 0.01
 
 

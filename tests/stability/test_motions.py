@@ -152,8 +152,7 @@ def test_a_sampled_mass_turns_between_samples() -> None:
         outputs=(Output("y", "m", "output", x),),
         sample_time=Parameter("T", 0.7, "s", "period", "test", minimum=1e-6),
     )
-    model = Model(generate(with_held_states(mass)), {}, 1e-9)
-    _, high = ranges(model, 2.1)
+    _, high = ranges(Model(generate(with_held_states(mass)), {}, 1e-9), 2.1)
     assert high[0] == pytest.approx(0.8, rel=1e-8)
 
 
@@ -165,5 +164,4 @@ def test_the_error_of_limits_is_the_larger_of_their_own_and_of_three_times_the_d
     chaos = [replace(a, kind=Kind.CHAOS) for a in (first, second)]
     assert agree(*chaos).limit_error is own
     assert agree(first, replace(second, limit_error=None)).limit_error is None
-    found = agree(first, chaos[1])
-    assert found.kind is Kind.UNDECIDED
+    assert agree(first, chaos[1]).kind is Kind.UNDECIDED

@@ -21,7 +21,6 @@ from ballscrew.measurement.records.record import Record
 COUNT = 1e-3 / 512  # step of the encoder [m]
 NOISE_TIME = 0.01  # s
 SUBSTEPS = 50
-ASYMMETRY = {"asymmetry": 0.2, "asymmetry_viscous": 0.2}
 NOTCH = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}  # no cause has this form
 
 

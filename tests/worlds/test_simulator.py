@@ -65,21 +65,18 @@ def test_a_constant_force_gives_a_parabola():
 
 def test_coulomb_friction_brakes_evenly_and_then_holds():
     par = drive(Fc=1.0, Fs=1.0)
-    commands = np.where(np.arange(400) < 100, 3.0, 0.5)
-    log = run(par, commands)
+    log = run(par, np.where(np.arange(400) < 100, 3.0, 0.5))
     times = np.arange(400) * PERIOD
     speed, way = 0.1, 0.005  # after 0.1 s at (3 - 1)/2 m/s^2; then -0.25 m/s^2 for 0.4 s
     braking = (times >= 0.1) & (times < 0.4)
     since = times[braking] - 0.1
     assert log["x"][braking] == pytest.approx(way + speed * since - 0.125 * since**2, abs=1e-6)
-    held = run(par, np.full(50, 0.9))
-    assert np.all(held["x"] == 0.0)
+    assert np.all(run(par, np.full(50, 0.9))["x"] == 0.0)
 
 
 @pytest.mark.parametrize("law", [LUGRE, MODIFIED_LUGRE, ELASTO_PLASTIC, MAXWELL])
 def test_every_law_slides_at_the_level_of_the_stribeck_curve(law):
     bristles = {"law": law, "sigma0": 1e5, "sigma1": 100.0, "Kv": 1e8}
     par = drive(block_mass=1.0, sigma2=20.0, Fc=1.0, Fs=2.0, Vs=0.05, **bristles)
-    log = run(par, np.full(1500, 4.0))
-    v = log["v"][-1]
+    v = run(par, np.full(1500, 4.0))["v"][-1]
     assert 20 * v + 1 + math.exp(-((v / 0.05) ** 2)) == pytest.approx(4.0, rel=1e-3)

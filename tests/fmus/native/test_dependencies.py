@@ -105,8 +105,7 @@ def test_what_is_listed_moves_an_unknown_somewhere_and_nothing_else_ever_does(na
                 known.add("u_rate")
     three = {u: set(known) - {"time"} for u, known in listed(native(name, 3)).items()}
     assert three == moved
-    two = {u: set(known) for u, known in listed(native(name)).items()}
-    assert two == moved
+    assert {u: set(known) for u, known in listed(native(name)).items()} == moved
 
 
 @pytest.mark.ci
@@ -225,8 +224,7 @@ def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(written):
         "der(same)": {"gain", "a", "s_start", "b"},
         "der(set)": {"r_start", "a", "b"},
     }
-    moved = what_moves_initially(path, 20)
-    assert moved == found
+    assert what_moves_initially(path, 20) == found
     three = written(part, "native-3")
     assert initially(three, 3)["late"] == {"s_start", "time"}
     for made, more in ((path, set()), (three, {"time"})):

@@ -19,8 +19,7 @@ def test_white_noise_has_its_variance_in_every_number_of_every_band():
     bands = cut([course], nominal())
     size, many = 3.0, 200
     shape = windows(len(course.x), course.width), 1 + course.has_current, many
-    noise = size * np.random.default_rng(1).standard_normal(shape)
-    lines = bands.lines([noise])
+    lines = bands.lines([size * np.random.default_rng(1).standard_normal(shape)])
     found = np.einsum("qbii->qb", products(lines, lines)) / many
     # the doubt in the law's force makes noise less where the law is doubtful
     expected = size**2 * bands.counts

@@ -58,8 +58,7 @@ def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
     left = []
     for record in (check_record("both", signals), check_record("current", without(signals, "u"))):
         (record,), model, _ = commanded([record], nominal())
-        course = lay_along(record, model)
-        found = residual([course], model)
+        found = residual([lay_along(record, model)], model)
         left.append(float(np.mean(found.force[found.telling])))
     # minus the force that opposes motion in +x
     assert np.abs(left) == pytest.approx(LOAD, rel=0.05)

@@ -95,8 +95,7 @@ def found_with(*names, built=(), alternatives=()):
 
 def test_what_is_asked_for_is_about_what_is_undecided_and_waits_for_slow_ones():
     certain = SimpleNamespace(name="load_bias", score=95.0, certain=True)
-    beside = SimpleNamespace(name="torque_ripple", score=99.0, certain=False)
-    built = [certain, beside]
+    built = [certain, SimpleNamespace(name="torque_ripple", score=99.0, certain=False)]
     names = "backlash", OUTSIDE, "compliance", "friction_drift", "time_shift"
     asked = next_experiment(found_with(*names, built=built), quiet=False)
     assert asked.says == (

@@ -182,8 +182,7 @@ def test_a_noisy_current_is_not_told_smaller_to_make_its_noise_smaller():
     at_gain = study.values.index("current_gain")
     gain = study.courses[0].calibration["current_gain"] + fit.amplitude[0, at_gain]
     assert abs(gain) < 0.02
-    found = {s.name: s.score for s in scored(catalogue)}
-    assert found.get("scale_of_i", 0.0) < 5.0
+    assert {s.name: s.score for s in scored(catalogue)}.get("scale_of_i", 0.0) < 5.0
 
 
 @pytest.mark.ci
@@ -202,8 +201,7 @@ def test_a_speed_that_follows_within_an_interval_is_no_delay():
 
 @pytest.mark.ci
 def test_a_gap_is_found_between_the_points_of_the_grid():
-    study = study_of([strong_record(gap(1e-4))], nominal())
-    first = scored(Catalogue(study))[0]
+    first = scored(Catalogue(study_of([strong_record(gap(1e-4))], nominal())))[0]
     assert first.name == "backlash"
     assert first.form.values["gap"] == pytest.approx(1e-4, rel=0.1)
 

@@ -38,8 +38,7 @@ def test_newtons_law_holds_to_rounding_for_any_force_that_is_held(seed, width):
 @pytest.mark.ci
 @pytest.mark.parametrize("width", [1, 10])
 def test_the_noise_of_the_readings_is_averaged(width):
-    random = np.random.default_rng(1)
-    noise = random.standard_normal(400_000)
+    noise = np.random.default_rng(1).standard_normal(400_000)
     # of the second difference, three bare readings would make sqrt(6)
     quieter = np.std(acceleration(noise, 1.0, width)) * width**2 / np.sqrt(6.0)
     assert quieter < 1.01 * (1.0 if width == 1 else 0.85 / np.sqrt(width))
@@ -48,8 +47,7 @@ def test_the_noise_of_the_readings_is_averaged(width):
 @pytest.mark.ci
 @pytest.mark.parametrize("time_constant", [3e-4, 2e-2])
 def test_a_lag_is_what_an_independent_solver_makes_of_it(time_constant):
-    random = np.random.default_rng(2)
-    command = random.standard_normal(30)
+    command = np.random.default_rng(2).standard_normal(30)
     state, means, ends = command[0], [], []
     for u in command:
         solved = solve_ivp(

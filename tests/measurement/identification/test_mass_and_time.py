@@ -135,8 +135,7 @@ def test_a_motion_that_hardly_accelerates_does_not_tell_the_mass():
     x = np.cumsum(v) * FINE
     pull = 20.0 * np.sign(v) + 200.0 * v
     pull += 0.001 * np.gradient(v, FINE)  # of a gram
-    found = identify([recorded(x, pull)], "classical", mass=True)
-    mass = found.parameters["m"]
+    mass = identify([recorded(x, pull)], "classical", mass=True).parameters["m"]
     assert not mass.identified
     assert "delay between force and motion" in mass.because
     assert "stronger acceleration" in mass.would_do

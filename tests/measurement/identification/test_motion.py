@@ -63,8 +63,7 @@ def test_signals_of_different_lags_are_brought_together():
 
 
 def test_a_held_position_counts_where_it_was_converted():
-    time = 0.005 * np.arange(2000)
-    x = 1e-5 * np.sin(time)
+    x = 1e-5 * np.sin(0.005 * np.arange(2000))
     held = np.repeat(x[::8], 8)
     assert len(held_samples(held)) == 250
     motion = smooth_motion(held, 0.005, later=0.0175)  # mean lag of values held for eight samples

@@ -231,8 +231,7 @@ def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
     table = columns()
     table[name] = table[name] * factor
     path = write(tmp_path / "a.csv", table)
-    message = complaint(path)
-    assert f"unit {name}={unit}" in message
+    assert f"unit {name}={unit}" in complaint(path)
     si = {"x": "m", "time": "s", "force": "N"}[name]
     (record,) = read_force_records([path], units={name: si})
     np.testing.assert_allclose(record.signals[name], table[name])

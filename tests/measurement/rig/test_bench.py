@@ -96,8 +96,7 @@ def test_the_capacitance_sensor_gives_the_displacement_within_its_calibrations_e
         mean = np.mean((found.record["x_fine"] - found.truth["x"])[at_end])
         separation = found.parameters["capacitance_sensor.separation"]
         end = EPSILON_AREA / (separation + found.truth["x"][-1])
-        stated = float(found.calibration.uncertainty(end))
-        outside.append(abs(mean) > stated)
+        outside.append(abs(mean) > float(found.calibration.uncertainty(end)))
         assert 140e-6 <= separation <= 160e-6
         assert found.description()["calibration"]["error_95_m"] < 4e-6
     assert sum(outside) <= 4

@@ -72,8 +72,7 @@ def test_a_gain_margin_up_is_where_the_measured_loop_would_turn_unstable():
 
 def test_a_sampled_pid_is_its_difference_equation_on_the_held_plant():
     loop = open_loop(sliding(), law("pid_sampled", {**GAINS, "sample_time": PERIOD}), PERIOD)
-    w = np.array([1.0, 10.0, 100.0, 1000.0])
-    z = np.exp(1j * w * PERIOD)
+    z = np.exp(1j * np.array([1.0, 10.0, 100.0, 1000.0]) * PERIOD)
     position, _ = held_plant(z)
     control = KP + KI * PERIOD * z / (z - 1) + KD * (z - 1) / (PERIOD * z)
     np.testing.assert_allclose(loop(z), position * control, rtol=1e-8)
@@ -137,8 +136,7 @@ def test_a_command_that_slides_steadily_overcomes_friction_and_back_emf(law):
     assert at["u"] == pytest.approx(21.4 * friction / axis + back_emf, rel=1e-9)
     values = {n: p.default for n, p in machine.plant.parameters.items()}
     if law in ("lugre", "modified_lugre", "classical", "maxwell_slip"):
-        steady = values["Fc"] + values["sigma2"] * 0.05
-        assert friction == pytest.approx(steady, rel=1e-5)
+        assert friction == pytest.approx(values["Fc"] + values["sigma2"] * 0.05, rel=1e-5)
 
 
 def test_ranges_go_with_the_inertia_and_inversely_with_the_command_s_force():

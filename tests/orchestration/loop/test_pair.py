@@ -51,8 +51,7 @@ def test_the_whole_loop_feeds_the_derivatives(alone):
 def test_fmus_are_fed_as_the_whole_loop_is(alone, tmp_path, native):
     path = tmp_path / "echo.fmu"
     write_native(native_model(echo()), path, fmi=2)
-    study = Loop(str(path), str(native("plant")), MOTION, STOP, step=STEP)
-    result = run_closed_loop(study)
+    result = run_closed_loop(Loop(str(path), str(native("plant")), MOTION, STOP, step=STEP))
     assert not [note for note in result.notes if "is used as the set-point" in note]
     run = result.run
     np.testing.assert_allclose(run.outputs["x"], alone.outputs["x"], atol=2e-6)

@@ -50,8 +50,7 @@ def drive(tmp_path_factory):
 
 @pytest.mark.parametrize("wired", ["law", pytest.param("plain", marks=pytest.mark.ci)])
 def test_a_plant_cut_in_motor_screw_and_friction_is_the_whole_plant(drive, wired):
-    result = run_closed_loop(SystemLoop(drive[wired], stop=0.3))
-    run = result.run
+    run = run_closed_loop(SystemLoop(drive[wired], stop=0.3)).run
     assert run.coupling is Coupling.INTERFACE_JACOBIAN  # the law acts within the screw
     assert run.verdict.trusted
     truth = whole_drive(run.time)

@@ -42,8 +42,7 @@ def test_a_limit_cuts_the_command_of_a_drive_either_way(command, arrives):
 
 def test_the_current_meets_its_limit_and_never_crosses_it():
     axis = generate(component("plant"))
-    free = course(axis, {})
-    assert free.outputs["i"].max() > 2.0
+    assert course(axis, {}).outputs["i"].max() > 2.0
     limited = course(axis, {"current_limit": 0.2})
     assert limited.outputs["i"].max() <= 0.2 * (1 + 1e-6)
     assert limited.outputs["i"].max() > 0.199
@@ -67,8 +66,7 @@ def moved(component, late):
 
 
 def test_the_plant_moves_as_under_a_command_that_is_given_later():
-    late = with_late_command(ball_screw(), PARAMETER)
-    model = Model(generate(late), tolerance=1e-11)
+    model = Model(generate(with_late_command(ball_screw(), PARAMETER)), tolerance=1e-11)
     for (start, u), (end, _) in zip(JUMPS, (*JUMPS[1:], (6e-3 + DELAY, 0.0)), strict=True):
         model.set_input("u", u)
         model.advance(start, end)
