@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +20,6 @@ from ...fmus.reading import Description
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError
 from .fmu_instance import SAMPLE_TIME, AnyFmu, StepFailed, Stepped, Value, Wrapped, Writer
-
-Kind = TypeVar("Kind", bound=Stepped)
 
 _MOVED = 1e-3  # of its size, by which an input moves
 _SHORT = 1e-3  # of a step
@@ -126,17 +124,14 @@ def _comes_back(fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: flo
     return bool(np.all((np.abs(again - once) <= allowed) | ~np.isfinite(once)))
 
 
-def sampled_every(instance: Kind, period: float) -> Kind:
-    """The instance as a digital controller, stepped every `period` [s] for any steps of its master.
+class Sampled(Wrapped):
+    """A digital controller, stepped every `period` [s] for any steps of its master.
 
     At each sample it gets the signals and makes a step as long as the sampling period. Its outputs
     after this step are applied from the sample on, and held until the next one. The instance is not
     initialized yet.
     """
-    return cast("Kind", _Sampled(instance, period))
 
-
-class _Sampled(Wrapped):
     steps_vary = True  # the steps of the master are not those of the FMU
 
     _instance: Stepped
@@ -190,7 +185,7 @@ class _Sampled(Wrapped):
     def release(self, state: Any) -> None:
         self._instance.release(state[0])
 
-    def reopened(self) -> _Sampled:
-        other = _Sampled(self._instance.reopened(), self.sample_time)
+    def reopened(self) -> Sampled:
+        other = Sampled(self._instance.reopened(), self.sample_time)
         other.can_save = self.can_save
         return other

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ..fmu.fmu_instance import FmuInstance, Instance, Value
 from ..fmu.group import Group
 from ..fmu.isolated import IsolatedInstance, open_fmu
 from ..fmu.limits import FIRST_STEP
-from ..fmu.trials import answers_in_steps, check_state, sampled_every
+from ..fmu.trials import Sampled, answers_in_steps, check_state
 from ..fmu.wiring import AS_IS, CONTROLLER, PLANT, Wiring, convert, names_on, wire, with_aliases
 from ..master.march import LoopRun, Progress
 from ..master.master import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step, run_loop
@@ -175,7 +176,7 @@ def join_pair(loop: Loop, opening: Callable[[Path, str], Fmu]) -> Joined:
     """Both FMUs of a loop, joined; `CouplingError`, `BadParameter` if they cannot be."""
     plant = opening(loop.plant.fmu(), PLANT)
     own = opening(loop.controller.fmu(), CONTROLLER)
-    controller = sampled_every(own, loop.sampled) if loop.sampled else own
+    controller = cast("Fmu", Sampled(own, loop.sampled)) if loop.sampled else own
     values = {
         PLANT: taken(PLANT, plant.description, loop.plant_values),
         CONTROLLER: taken(CONTROLLER, own.description, loop.controller_values),
@@ -193,18 +194,13 @@ def join_pair(loop: Loop, opening: Callable[[Path, str], Fmu]) -> Joined:
     return Joined(loop, fmus, values, PLANT, sides, *joint, sampled)
 
 
-def opened(how: HowCoupled, path: Path, name: str) -> Fmu:
-    """An FMU of a loop."""
-    return open_fmu(path, name, how.isolate, how.time_limit)
-
-
 def as_it_answers(loop: Loop) -> Loop:
     """The loop; if its controller computes outputs in its steps only, a digital one."""
     part, values = loop.controller, loop.controller_values
     if loop.sampled or part.has_equations or part.is_none:
         return loop
     step = loop.step or _own_step({part.name: part.description}) or min(FIRST_STEP, loop.stop)
-    try_out = partial(opened, loop, part.fmu(), CONTROLLER)
+    try_out = partial(open_fmu, part.fmu(), CONTROLLER, loop.isolate, loop.time_limit)
     if not answers_in_steps(part.description, try_out, values, loop.stop, step):
         return loop
     note = (

@@ -18,9 +18,10 @@ from ...solver.errors import BadParameter, FmuError, nearest
 from ...solver.signals import set_point_orders
 from ..fmu.fmu_instance import Instance, Value
 from ..fmu.group import Feed, Group
+from ..fmu.isolated import open_fmu
 from ..fmu.wiring import POSITION, Wiring, converted, from_si, plain_outputs, scale_of_results
 from ..master.reference_signal import Reference
-from .joined import Fmu, Joined, as_is, free_input, join_pair, opened
+from .joined import Fmu, Joined, as_is, free_input, join_pair
 from .loop import STOP, HowCoupled, Loop, SystemLoop
 from .parts import as_taken, check_names, settable_of
 
@@ -36,7 +37,7 @@ def joined(loop: Loop | SystemLoop) -> Iterator[Joined]:
     with ExitStack() as stack:
 
         def opening(path: Path, name: str) -> Fmu:
-            return stack.enter_context(closing(opened(loop, path, name)))
+            return stack.enter_context(closing(open_fmu(path, name, loop.isolate, loop.time_limit)))
 
         if isinstance(loop, Loop):
             yield join_pair(loop, opening)

@@ -89,11 +89,6 @@ class Clock:
         return bool(self.whole.record.count >= self.whole.record.last)
 
     @property
-    def step_to_come(self) -> float:
-        """Length of the next step [s]: a multiple of the tick, except a last, shorter one."""
-        return float(call("clock_step_to_come", self.whole))
-
-    @property
     def used(self) -> tuple[float, float]:
         """Shortest and longest step so far [s]."""
         record = self.whole.record
@@ -179,7 +174,8 @@ def march_on(
     progress: Progress = None,
 ) -> None:
     """Move a loop, and its co-run, to the clock's end; a failure ends it early."""
-    record.begin(run.commands("command_now", 0.0, clock.step_to_come, record.start, False))
+    first = call("clock_step_to_come", clock.whole)
+    record.begin(run.commands("command_now", 0.0, first, record.start, False))
     for pair in [run, co_run] if co_run else [run]:
         pair.begin()
     why, most = Why.GOES_ON, 1

@@ -8,7 +8,7 @@ from third_party_fmus import proportional
 import ballscrew
 from ballscrew import Component, Input, Output, symbol
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
-from ballscrew.orchestration.fmu.trials import sampled_every
+from ballscrew.orchestration.fmu.trials import Sampled
 
 PERIOD = 2e-3
 ROLES = {"x": "measurement", "v": "measurement", "x_d": "reference"}
@@ -71,7 +71,7 @@ def test_it_is_stepped_once_in_each_period_whatever_the_steps_and_the_end_of_the
 
 
 def test_a_restored_state_goes_on_as_the_saved_one(native):
-    part = sampled_every(FmuInstance(native("pid"), "controller"), PERIOD)
+    part = Sampled(FmuInstance(native("pid"), "controller"), PERIOD)
     part.initialize({}, 1.0)
     put, got = part.writer(["x", "v", "x_d"]), part.reader(["u"])
 
