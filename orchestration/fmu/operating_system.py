@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
 _LARGEST = 1 << 28  # bytes of a line of another process
-_SOON = 1e-3  # s, between two checks of a process that ends
+_SOON = 2e-4  # s, between two checks of a process that ends
 
 
 @contextlib.contextmanager
@@ -305,7 +305,7 @@ class _Forked:
 
     def __init__(self, server: _Server, pid: int, stdin: Any, stdout: Any) -> None:
         self._server, self.pid, self.stdin, self.stdout = server, pid, stdin, stdout
-        self.returncode: int | None = None
+        self.returncode: int | None = None if pid > 0 else pid  # it was not made
 
     def wait(self, timeout: float = math.inf) -> int | None:
         """Return the exit code, or None after the time limit [s]."""
@@ -316,8 +316,6 @@ class _Forked:
                 break
             time.sleep(_SOON)
         return self.returncode
-
-    poll = functools.partialmethod(wait, 0.0)
 
 
 def line_of(connection: socket.socket, limit: float | None = None) -> bytes:
@@ -340,7 +338,9 @@ def fork_hosts(descriptor: int, module: str) -> None:
     import socket
 
     end_when_closed(0)
-    host, *_ = (importlib.import_module(name) for name in (module, "fmpy.fmi2", "fmpy.fmi3"))
+    modules = module, "fmpy.fmi2", "fmpy.fmi3", "numpy.random"  # which the hosts need at once
+    host, *_ = map(importlib.import_module, modules)
+    host.library()  # its compiled code
     control = socket.socket(fileno=descriptor)
     while True:
         first, descriptors, *_ = socket.recv_fds(control, 1, 3)
@@ -376,7 +376,7 @@ def _become_host(main: Any, folder: str, environment: dict[str, str], files: lis
 
 def end_host(process: Popen[bytes] | _Forked, *files: Any) -> None:
     """End a process of `start_host`, and its child processes; close these files."""
-    if process.poll() is None:
+    if process.returncode is None:
         if sys.platform == "win32":
             import subprocess
 

@@ -73,8 +73,9 @@ class Runs:
         """The run as asked, its outputs, and its loop, which is closed."""
         if level not in self._runs:
             pair = self._main or self.sides.main()
-            # the effect of the residual is that of a correction
-            best = None if pair.corrected == self.sides.reversible else self.sides.best()
+            # the effect of the residual is that of a correction; without commands there is none
+            known = pair.corrected == self.sides.reversible or not self._commands
+            best = None if known else self.sides.best()
             run, own, self._rungs[level] = self._marched(pair, level, best)
             self._runs[level] = run, own, pair
         return self._runs[level]

@@ -136,7 +136,7 @@ static int law_now(Loop *l, double t, double h, const double *reference, int pro
 {
     Controller *const c = &l->controller;
     signals_of(l, l->outputs.at, l->start.at);
-    if (isnan(l->following_step) || (c->answer != DIRECT && l->following_step != h))
+    if (c->m && (isnan(l->following_step) || (c->answer != DIRECT && l->following_step != h)))
         return master_law_at(c, t, h, l->start.at, reference, probe, l->law.at);
     copy(l->following.at, l->law.at, l->law.size);
     return 1;
@@ -194,7 +194,7 @@ static int move_stepped(Loop *l, double t, double h, const double *before, const
     Controller *const c = &l->controller;
     TRY(master_advance(c, t, h, l->start.at, before) && master_read_commands(c, l->late.at));
     copy(l->late.at, l->command.at, c->m);
-    if (c->answer != STEPPED || !c->saves)
+    if (c->answer != STEPPED || !c->saves || !c->m)
         return 1;
     TRY(master_law_at(c, t + h, h, l->end.at, after, 0, l->following.at));
     copy(l->following.at, l->command.at, c->m);

@@ -17,7 +17,7 @@ typedef struct {
 typedef struct {
     Line *line;
     int64_t number;        /* of these ports, on the other side */
-    int64_t read_at, read; /* `changes` when outputs were read, and their number */
+    int64_t read_at;       /* `changes` when its outputs were read */
     Vector known;          /* these outputs */
 } Remote;
 
@@ -32,8 +32,10 @@ typedef struct {
 #define CALL 3          /* kind, number of the ports, number of values */
 #define ANSWER 2        /* length, status */
 #define PATIENCE 20     /* ms, after which Python waits */
-#define LOOKS 200       /* for a message, before waiting: to wake a processor takes longer */
 
+enum { LOOKS = 200, LATE = 100, WAITS = 1000 }; /* number, us, number; see `remote_look` */
+
+#include <sys/time.h>
 #ifdef _WIN32
 #include <winsock2.h>
 #define poll WSAPoll
@@ -50,11 +52,25 @@ typedef int Socket;
 static int is_final(void) { return errno != EINTR && errno != EAGAIN; }
 #endif
 
-static void remote_look(Socket socket)
+/* Whether there is a message. To wake a processor takes longer than to look for one some times; but
+ * where others compute, too, they get their share of the time, and a look is late: then the next
+ * waits are without looking. */
+static int remote_look(Socket socket)
 {
+    static int shared = 0; /* number of these */
     struct pollfd message = {socket, POLLIN, 0};
-    for (int k = 0; k < LOOKS && poll(&message, 1, 0) <= 0; k++)
+    shared -= shared > 0;
+    for (int k = 0; k < LOOKS && !shared; k++) {
+        struct timeval before, after;
+        if (poll(&message, 1, 0) > 0)
+            return 1;
+        gettimeofday(&before, NULL);
         sched_yield();
+        gettimeofday(&after, NULL);
+        if ((after.tv_sec - before.tv_sec) * 1000000 + after.tv_usec - before.tv_usec > LATE)
+            shared = WAITS;
+    }
+    return 0;
 }
 
 static int remote_send(Socket socket, const double *values, int64_t count)
@@ -71,30 +87,30 @@ static int remote_send(Socket socket, const double *values, int64_t count)
     return 1;
 }
 
-/* Receive numbers; on the master's side, which has a `line`, Python waits if it takes long. */
-static int remote_receive(Socket socket, Line *line, double *values, int64_t count)
+/* Receive a message, which is led by its length, or as much as there is room for; on the master's
+ * side, which has a `line`, Python waits if it takes long. */
+static int remote_receive(Socket socket, Line *line, double *values, int64_t most)
 {
-    char *at = (char *)values, *const end = (char *)(values + count);
+    const int64_t size = sizeof *values;
+    int64_t done = 0;
     int goes_on = 0;
-    while (at < end) {
+    while (done < size || (done < most * size && (double)done < (double)size * values[0])) {
         struct pollfd answer = {socket, POLLIN, 0};
-        remote_look(socket);
-        if (line && poll(&answer, 1, PATIENCE) <= 0 && line->wait(goes_on++))
+        if (line && !remote_look(socket) && poll(&answer, 1, PATIENCE) <= 0 && line->wait(goes_on++))
             return 0;
-        const int64_t got = recv(socket, at, (unsigned)(end - at), 0);
-        if (got > 0)
-            at += got;
-        else if (got == 0 || is_final()) {
+        const int64_t got = recv(socket, (char *)values + done, (unsigned)(most * size - done), 0);
+        if (got == 0 || (got < 0 && is_final())) {
             if (line)
                 line->lost = ENDED;
             return 0;
         }
+        done += got > 0 ? got : 0;
     }
     return 1;
 }
 
 /* Send all calls that wait, and this one for the first outputs; return its status. */
-static int remote_ask(Remote *r, size_t count, double *values)
+static int remote_ask(Remote *r, int64_t count)
 {
     Line *const l = r->line;
     double *const at = l->room.at, call[CALL] = {REMOTE_GET, (double)r->number, (double)count};
@@ -105,18 +121,19 @@ static int remote_ask(Remote *r, size_t count, double *values)
     l->used = 0;
     if (!remote_send((Socket)l->socket, at, (int64_t)at[0]))
         l->lost = ENDED;
-    else if (remote_receive((Socket)l->socket, l, at, ANSWER)) {
+    else if (remote_receive((Socket)l->socket, l, at, ANSWER + count)) {
         if (at[0] == ANSWER && at[1] > 1.0 && at[1] < 5.0)
             return (int)at[1];
-        if (at[0] != (double)(ANSWER + count) || at[1] != 0.0)
-            l->lost = NOT_UNDERSTOOD;
-        else if (remote_receive((Socket)l->socket, l, values, (int64_t)count))
+        if (at[0] == (double)(ANSWER + count) && at[1] == 0.0) {
+            copy(at + ANSWER, r->known.at, count);
             return 0;
+        }
+        l->lost = NOT_UNDERSTOOD;
     }
     return CALL_FAILED;
 }
 
-API int remote_flush(Remote *r) { return r->line->used ? remote_ask(r, 0, NULL) : 0; }
+API int remote_flush(Remote *r) { return r->line->used ? remote_ask(r, 0) : 0; }
 
 /* Note a call without a result. */
 static int remote_tell(Remote *r, int kind, const double *values, size_t count)
@@ -142,15 +159,14 @@ API int remote_do_step(Remote *r, double t, double h, int forgets)
     return remote_tell(r, REMOTE_STEP, (double[]){t, h}, 2);
 }
 
-/* A step begins with the end values of the last one, which are read once. */
+/* A step begins with the end values of the last one: all are read, once. */
 API int remote_get_real(Remote *r, const uint32_t *which, size_t count, double *values)
 {
     Line *const l = r->line;
-    if (r->read_at != l->changes || r->read < (int64_t)count || l->lost) {
-        const int status = remote_ask(r, count, r->known.at);
+    if (r->read_at != l->changes || l->lost) {
+        const int status = remote_ask(r, r->known.size);
         if (status)
             return status;
-        r->read = (int64_t)count;
         r->read_at = l->changes;
     }
     copy(r->known.at, values, (int64_t)count);
@@ -206,9 +222,8 @@ static int remote_answer(Served *s)
     Calls *c = NULL;
     int64_t count = 0;
     int done = 1;
-    TRY(remote_receive((Socket)s->socket, NULL, room, 1));
+    TRY(remote_receive((Socket)s->socket, NULL, room, s->room.size) && room[0] <= s->room.size);
     const int64_t length = (int64_t)room[0];
-    TRY(length <= s->room.size && remote_receive((Socket)s->socket, NULL, room + 1, length - 1));
     for (int64_t at = 1; done && at < length; at += CALL + (room[at] == REMOTE_GET ? 0 : count)) {
         s->asked = (int64_t)room[at + 1];
         c = s->calls.at[s->asked];
@@ -223,16 +238,12 @@ static int remote_answer(Served *s)
 }
 
 /* Answer messages until one comes that is not for this code, or the connection is closed. */
-API int64_t remote_serve(Served *s)
+API void remote_serve(Served *s)
 {
-    char first;
-    for (;;) {
+    char first = 0; /* the length of a message is a whole number, whose last byte as a double is 0 */
+    do {
         remote_look((Socket)s->socket);
-        const int64_t got = recv((Socket)s->socket, &first, 1, MSG_PEEK);
-        if (got < 0 && !is_final())
+        while (recv((Socket)s->socket, &first, 1, MSG_PEEK) < 0 && !is_final())
             continue;
-        /* the length of a message is a whole number, whose last byte as a double is 0 */
-        if (got != 1 || first || !remote_answer(s))
-            return 0;
-    }
+    } while (!first && remote_answer(s));
 }
