@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1686, 1407),
     "controllers": (1215, 955),
     "fmus": (4972, 4444),
-    "orchestration": (9113, 7997),
+    "orchestration": (9111, 7997),
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21929, 20928),
+    "tests": (21940, 20939),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -151,7 +151,7 @@ class Bound:
     def __init__(
         self, instance: Instance, inputs: Sequence[str], outputs: Sequence[str], calls: Struct
     ) -> None:
-        self._calls, self._ports = calls, (list(inputs), list(outputs))
+        self._calls, self._ports, self._guarded = calls, (list(inputs), list(outputs)), Guarded()
         given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
         places: list[Sequence[int]] = [[0] * len(inputs), [0] * len(outputs)]
         self._error: Callable[[], BaseException | None]
@@ -159,6 +159,7 @@ class Bound:
             points: Sequence[Any] = instance.entry_points()
             places = [instance.references(names) for names in self._ports]
             self._error = lambda: self._error_of(instance)
+            calls.set(ends=self._guarded.address(STEP, instance.check_end))
         elif isinstance(instance, AnyFmu) and hasattr(instance, "bind"):
             points, self._error = instance.bind(*self._ports)
         elif isinstance(instance, Group):

@@ -27,7 +27,7 @@ STEP = ctypes.CFUNCTYPE(
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # of a call; a warning counts as OK
-_SAME = 1e-9  # largest difference of equal times, as a share of them
+SAME = 1e-9  # largest difference of equal times, as a share of them
 
 
 class Refused(RuntimeError):
@@ -141,13 +141,13 @@ class Fmi2:
 
     def step(self, t: float, h: float) -> int:
         """Move from t to t + h; the FMI status. Raises `Refused` beyond its end."""
-        if t >= self.end * (1 - _SAME):
+        if t >= self.end * (1 - SAME):
             raise Refused(self.ending, DISCARD)
         self.end = math.inf  # also where an earlier state was restored
         status = self._co_step(t, h) if self.integrator is None else 0
         if self.integrator and self.integrator.step(t, t + h):
             self.end = self.integrator.time
-        if self.end < t + h * (1 - _SAME):
+        if self.end < t + h * (1 - SAME):
             raise Refused(self.ending, DISCARD)
         return status if self.end == math.inf else 0
 

@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ...fmus.ports import law_ports
 from ...fmus.reading import SETTABLE, Description, UnpackedFmu, unpack
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
-from .fmi_versions import DISCARD, FATAL, OK, Fmi2, Fmi3, Ports, Refused
+from .fmi_versions import DISCARD, FATAL, OK, SAME, Fmi2, Fmi3, Ports, Refused
 
 ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls, as in ``master/c/calls.h``
@@ -113,14 +113,14 @@ class AnyFmu(Stepped):
     notes: Sequence[str] = ()
     kept: Mapping[str, float] = MappingProxyType({})
 
-    def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
+    def __init__(self, source: Path | str | UnpackedFmu, name: str, *how: Any) -> None:
         self._clean: Callable[[], object] = lambda: None
         if isinstance(source, UnpackedFmu):
             self._fmu = source
         else:
             self._fmu = unpack(source)
             self._clean = weakref.finalize(self, self._fmu.remove)
-        self.name, self.path = name, self._fmu.path
+        self.name, self.path, self._how = name, self._fmu.path, how
         self.description: Description = self._fmu.description
         self._variables = self.description.by_name
         self.outputs = self.description.names("output")
@@ -184,6 +184,11 @@ class AnyFmu(Stepped):
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
         """As `enter_initialization`, except for start values of the description."""
+
+    def reopened(self) -> Self:
+        other = type(self)(self._fmu, self.name, *self._how)
+        other.sample_time, other.can_save = self.sample_time, self.can_save
+        return other
 
 
 class FmuInstance(AnyFmu):
@@ -319,13 +324,11 @@ class FmuInstance(AnyFmu):
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
-        status = self._fmi.states[0](self._fmi.component, ctypes.byref(state))
-        self._check(status, SAVE)
+        self._check(self._fmi.states[0](self._fmi.component, ctypes.byref(state)), SAVE)
         return state
 
     def restore(self, state: Any) -> None:
-        status = self._fmi.states[1](self._fmi.component, state)
-        self._check(status, RESTORE)
+        self._check(self._fmi.states[1](self._fmi.component, state), RESTORE)
 
     def release(self, state: Any) -> None:
         self._fmi.states[2](self._fmi.component, ctypes.byref(state))
@@ -342,14 +345,16 @@ class FmuInstance(AnyFmu):
         addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls)
         return (self._fmi.component.value or 0, *addresses)
 
+    def check_end(self, _: Any, t: float, h: float, __: int) -> None:
+        """Raise `Refused` unless a discarded step was the last one, as the FMU then says."""
+        self._fmi.end = math.inf
+        self._fmi.ask_for_end()
+        if not t + h * (1 - SAME) <= self._fmi.end < math.inf:
+            raise Refused(self._fmi.ending, DISCARD)
+
     def references(self, names: Sequence[str]) -> list[int]:
         """Value references of variables."""
         return [self._variables[n].reference for n in names]
-
-    def reopened(self) -> FmuInstance:
-        other = FmuInstance(self._fmu, self.name)
-        other.sample_time, other.can_save = self.sample_time, self.can_save
-        return other
 
     def close(self) -> None:
         if not self._open:

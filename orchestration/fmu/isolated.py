@@ -29,7 +29,6 @@ from ...fmus.reading import Description, UnpackedFmu
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
 from .compiled import WAITS, Bound, Calls, Guarded, Struct, address_of, call, library, struct
-from .fmi_versions import STEP
 from .fmu_instance import (
     ENTRY_POINTS,
     SHORTER,
@@ -61,7 +60,7 @@ class IsolatedInstance(AnyFmu):
     def __init__(
         self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
     ) -> None:
-        super().__init__(source, name)
+        super().__init__(source, name, time_limit)
         self.time_limit = time_limit
         self._dead, self._printed = "", bytearray()
         folder = self._fmu.folder
@@ -72,8 +71,8 @@ class IsolatedInstance(AnyFmu):
         self._listener = threading.Thread(target=_keep_end, args=streams, daemon=True)
         self._listener.start()
         self._guarded, self._line, self._remotes = Guarded(), struct("Line"), list[Struct]()
-        waits = self._guarded.address(WAITS, self._wait)
-        self._line.set(socket=self._socket.fileno(), wait=waits, room=_room(self.description))
+        waits, room = self._guarded.address(WAITS, self._wait), _ROOM + 2 * len(self._variables)
+        self._line.set(socket=self._socket.fileno(), wait=waits, room=np.zeros(room))
         try:
             self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
             self._with_ports([], [])
@@ -126,11 +125,6 @@ class IsolatedInstance(AnyFmu):
     def release(self, state: Any) -> None:
         if not self._dead:
             self._call(0, "free_state", state)
-
-    def reopened(self) -> IsolatedInstance:
-        other = IsolatedInstance(self._fmu, self.name, self.time_limit)
-        other.sample_time, other.can_save = self.sample_time, self.can_save
-        return other
 
     def close(self) -> None:
         if self._end.alive and not self._dead:
@@ -248,11 +242,6 @@ def open_fmu(
     return IsolatedInstance(path, name, time_limit)
 
 
-def _room(description: Description) -> Vector:
-    """For the longest message of compiled code."""
-    return np.zeros(_ROOM + 2 * len(description.variables))
-
-
 def main(connection: socket.socket) -> None:
     """Answer calls until the connection is closed, then end immediately."""
     np.random.seed()  # forked processes would all draw the same numbers
@@ -276,9 +265,6 @@ class _Host:
         self.served = struct("Served")
         self.served.set(socket=connection.fileno())
         self.bound: list[tuple[Bound, Struct]] = []
-        # a step that an FMU discards may be its last one, which Python knows
-        self._steps = Guarded()
-        self._step = self._steps.address(STEP, lambda _, t, h, __: self._fmu.step(t, h))
 
     def answer(self, line: bytes) -> tuple[int, Any]:
         """Do a call; return a status and its result."""
@@ -296,7 +282,7 @@ class _Host:
     def open(self, path: str, folder: str, description: dict[str, Any], name: str) -> None:
         unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))
         self._fmu = FmuInstance(unpacked, name)
-        self.served.set(room=_room(unpacked.description))
+        self.served.set(room=np.zeros(_ROOM + 2 * len(self._fmu.description.variables)))
 
     def do(self, call: str, *arguments: Any) -> float:
         getattr(self._fmu, call)(*arguments)
@@ -306,12 +292,10 @@ class _Host:
         """Give these ports the next number."""
         record = struct("Calls")
         self.bound.append((Bound(self._fmu, inputs, outputs, record), record))
-        record.set(do_step=self._step)
         addresses = [calls.address for _, calls in self.bound]
         self.served.set(calls=np.array(addresses, dtype=np.intp))
 
     def fail(self) -> None:
         """Raise the error of the last call of compiled code."""
-        error = self._steps.error or self.bound[self.served.record.asked][0].failure()
-        self._steps.error = None
+        error = self.bound[self.served.record.asked][0].failure()
         raise error or RuntimeError("an FMU failed without an error")

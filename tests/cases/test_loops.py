@@ -22,7 +22,6 @@ RUN = f"run --no-isolate {PAIR}"
         ("sources_with_their_own_prefix", f"{PAIR} cart_src.fmu"),
         ("ssp_implementation_model_exchange", "--system me.ssp --step 1e-3"),
         ("step_discarded", f"{PAIR} cart_d.fmu"),
-        pytest.param("step_discarded", f"{PAIR} cart_d.fmu --isolate", marks=pytest.mark.ci),
     ],
 )
 def test_the_cart_goes_where_the_exact_solution_does(tmp_path, command, name, words):

@@ -157,13 +157,28 @@ def test_a_state_that_cannot_be_saved_costs_only_the_saved_states(
     assert x == pytest.approx(cart_position(0.5), rel=1e-3)
 
 
-def test_a_discarded_step_is_told_alike_with_and_without_a_process_of_its_own(
-    folder, command, monkeypatch
+ENDS = """*ended = S[7] > 0; return S[7] < 0 ? 3 : 0; }
+API int fmi2GetRealStatus(Part *part, int kind, double *at) { *at = S[7]; return 0;"""
+LAST = small_fmus.PLANT_STEP + "S[7]=t+h>0.5-1e-9?t+h:0; if(S[7]>0)return 2;"
+
+
+@pytest.mark.parametrize(
+    ("step", "stop", "told"),
+    [
+        ("S[7]=-1;return 2;", 0.5, "rejects the step because it is too long"),
+        (LAST, 0.5, "trusted"),
+        (LAST, 0.6, "cart.fmu): requested the end of the simulation at t = 0.5 s"),
+    ],
+)
+def test_a_discarded_step_is_judged_alike_with_and_without_a_process_of_its_own(
+    step, stop, told, folder, command, monkeypatch
 ):
-    """Also by an FMU that does not answer whether it wants to end."""
-    silent = small_fmus._C.replace("*ended = 0; return 0;", "return 3;")
-    monkeypatch.setattr(small_fmus, "_C", silent)
-    small_fmus.plant(str(folder / "cart.fmu"), step="return 2;")
-    told = [command(folder, f"run {how} {PAIR} {GOAL} out")[2] for how in ("", "--no-isolate")]
-    assert told[0] == told[1]
-    assert "rejects the step because it is too long" in told[0]
+    """It may be the last one; or too long, also if the FMU does not answer which."""
+    source = small_fmus._C.replace("*ended = 0; return 0;", ENDS)
+    monkeypatch.setattr(small_fmus, "_C", source)
+    monkeypatch.setattr(small_fmus, "_REFUSED", small_fmus._REFUSED.replace("GetRealStatus ", ""))
+    small_fmus.plant(str(folder / "cart.fmu"), step=step)
+    run = f"run {PAIR} {GOAL} out --stop {stop}"
+    both = [command(folder, f"{run} {how}") for how in ("--isolate", "--no-isolate")]
+    assert both[0] == both[1]
+    assert told in "".join(both[0][1:])

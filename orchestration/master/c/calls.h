@@ -27,14 +27,15 @@ typedef struct {
     Vector given;
     References outputs;
     Vector taken;
-    double stop;            /* no step may end after it [s] */
+    int (*ends)(void *, double, double, int); /* whether a discarded step is the last: 0 */
+    double stop, end;       /* no step may end after it; or begin then, if it is not 0 [s] */
     Slots states;           /* saved states, one for each use; null if none is saved */
     int64_t status, failed; /* FMI status and kind of the call that failed */
 } Calls;
 
 enum { PUT, TAKE, MOVE, SAVE, RESTORE }; /* kinds of failed calls */
 
-#define WARNING 1 /* FMI status that counts as success, like OK */
+enum { WARNING = 1, DISCARD }; /* FMI status; the first counts as success, like OK */
 #define TRY(call)    \
     do {             \
         if (!(call)) \
@@ -75,7 +76,11 @@ static inline int move(Calls *c, double t, double h)
     if (t + h > c->stop && t < c->stop)
         h = c->stop - t;
     /* no state from before this step will be restored */
-    return checked(c, c->do_step(c->component, t, h, 1), MOVE);
+    const int over = c->end > 0.0 && t >= c->end;
+    const int status = over ? DISCARD : c->do_step(c->component, t, h, 1);
+    const int last = status == DISCARD && c->ends && !c->ends(c->component, t, h, 1);
+    c->end = last ? (t + h) * (1.0 - AT_THE_END) : 0.0;
+    return last || checked(c, status, MOVE);
 }
 
 static inline int save(Calls *c, int64_t use)
@@ -97,12 +102,8 @@ static inline void release(Calls *c, int64_t use)
     }
 }
 
-static inline int save_both(Calls *a, Calls *b, int use) { return save(a, use) && save(b, use); }
-
-static inline int restore_both(Calls *a, Calls *b, int use)
-{
-    return restore(a, use) && restore(b, use);
-}
+static inline int save_both(Calls *a, Calls *b, int k) { return save(a, k) && save(b, k); }
+static inline int restore_both(Calls *a, Calls *b, int k) { return restore(a, k) && restore(b, k); }
 
 static inline void release_both(Calls *a, Calls *b, int use)
 {

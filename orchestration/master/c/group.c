@@ -50,7 +50,6 @@ API int group_get_real(Group *g, const uint32_t *places, size_t count, double *v
 
 API int group_do_step(Group *g, double t, double h, int no_way_back)
 {
-    (void)no_way_back;
     const Slots *const order = g->flags.at[BACK] ? &g->back : &g->there;
     for (int64_t k = 0; k < order->size; k++) {
         if (!pass_on(g, order->at[k], 1, t, h))

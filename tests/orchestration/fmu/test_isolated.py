@@ -258,9 +258,8 @@ def test_what_is_not_ours_has_a_process_of_its_own_unless_asked(
 
 
 PARENT_OF_A_THIRD_PARTY_FMU = """
-import sys, time
+import sys
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
-from ballscrew.orchestration.fmu.operating_system import can_supervise
 one = IsolatedInstance(sys.argv[1], "one")
 one.initialize({}, 1.0)
 one.step(0.0, 1.0)
