@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 from functools import cache
 from pathlib import Path
@@ -75,14 +74,13 @@ def _cross_compiled(name: str) -> bytes | None:
     for source in sorted(_C.glob("*.[ch]")):
         digest.update(source.read_bytes())
     made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
-    library = kernel_cache.read(made)
-    if library is None:
+    arguments = [*FLAGS, str(_C / "core.c")]
+
+    def make() -> bytes:
         with temporary_folder("compile") as folder:
-            arguments = [*FLAGS, str(_C / "core.c")]
-            try:
-                library = compilers.compile_in(Path(folder), name, arguments, "libcore", compiler)
-            except compilers.CompilerFailed:  # such as for a user without a home folder
-                return None
-        with contextlib.suppress(OSError):
-            kernel_cache.write(made, library)
-    return library
+            return compilers.compile_in(Path(folder), name, arguments, "libcore", compiler)
+
+    try:
+        return kernel_cache.kept(made, make)
+    except compilers.CompilerFailed:  # such as for a user without a home folder
+        return None

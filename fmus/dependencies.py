@@ -58,14 +58,13 @@ def uses_of(kernel: Kernel, name: str) -> defaultdict[str, Uses]:
 
 def _read(value: ast.expr, known: dict[str, tuple[set[str], str]]) -> tuple[set[str], str]:
     used: set[str] = set()
-    for node in ast.walk(value):
-        if isinstance(node, ast.Subscript):
-            used.add(ast.unparse(node))
-        elif isinstance(node, ast.Name) and node.id in known:
-            used |= known[node.id][0]
-        elif isinstance(node, ast.Name) and node.id == TIME:
-            used.add(TIME)
-    text = re.sub(r"\w+", lambda m: known[m[0]][1] if m[0] in known else m[0], ast.unparse(value))
+    text = ast.unparse(value)
+    for word in re.findall(r"\w+\[\d+\]|\w+", text):
+        if word in known:
+            used |= known[word][0]
+        elif word == TIME or word.endswith("]"):
+            used.add(word)
+    text = re.sub(r"\w+", lambda m: known[m[0]][1] if m[0] in known else m[0], text)
     return used, text if len(text) < 80 else hashlib.sha256(text.encode()).hexdigest()
 
 

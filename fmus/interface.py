@@ -111,12 +111,13 @@ def interface_of(kernel: Kernel) -> Interface:
         size += count
     frame = _frame(kernel, at["states"], size)
     size += bool(frame)
-    internal = (k for k, i in enumerate(kernel.inputs) if i.role == "internal")
     of_parameters = {p.name: at["parameters"] + k for k, p in enumerate(kernel.parameters)}
     listed = [*_inputs(kernel), *_outputs(kernel, at["outputs"])]
     listed += [*_parameters(kernel, at["parameters"]), *_starts(kernel, at["starts"])]
     if n or late:
-        listed.append(_tolerance(at["tolerance"]))
+        meaning = "relative tolerance of the internal solver"
+        about = SOLVER_TOLERANCE, at["tolerance"], "parameter", "fixed", "1", meaning
+        listed.append(Variable(*about, DEFAULT_TOLERANCE, 1e-13, 1e-2, DEFAULT_TOLERANCE))
     variables = _numbered(listed, 1)
     initial = [0.0] * size
     for v in variables:
@@ -130,7 +131,7 @@ def interface_of(kernel: Kernel) -> Interface:
         modes=len(kernel.modes),
         held=held,
         **at,
-        step_start=max(internal, default=-1),
+        step_start=next((k for k, i in enumerate(kernel.inputs) if i.role == "internal"), -1),
         sample_time=of_parameters.get(kernel.sample_time, -1),
         frame=frame,
         size=size,
@@ -216,12 +217,6 @@ def _starts(kernel: Kernel, first: int) -> Iterator[Variable]:
         yield Variable(*about, start=s.start, nominal=shown.get(s.name, s.nominal))
 
 
-def _tolerance(place: int) -> Variable:
-    meaning = "relative tolerance of the internal solver"
-    about = SOLVER_TOLERANCE, place, "parameter", "fixed", "1", meaning
-    return Variable(*about, DEFAULT_TOLERANCE, 1e-13, 1e-2, DEFAULT_TOLERANCE)
-
-
 def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:
     """States that are set from inputs at a new value of the input `ask` (last value in `seen`)."""
     asks = [k for k, i in enumerate(kernel.inputs) if i.role == FRAME_ROLE]
@@ -229,8 +224,7 @@ def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:
         return {}
     given = [k for k, i in enumerate(kernel.inputs) if i.role == SET_ROLE]
     names = [s.name for s in kernel.states]
-    first = names.index(kernel.inputs[given[0]].name.removesuffix(SET))
-    to = states + first
+    to = states + names.index(kernel.inputs[given[0]].name.removesuffix(SET))
     return {"ask": asks[0], "seen": free, "from": given[0], "to": to, "count": len(given)}
 
 

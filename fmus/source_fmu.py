@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import shutil
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -44,9 +43,9 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
     identifier = str(configuration.modelIdentifier)
     try:
         arguments = _arguments(folder, configuration)
-        made = _library(folder, name, arguments, compiler, identifier)
         (folder / binary).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(made, folder / binary)
+        made = _library(folder, name, arguments, compiler, identifier)
+        (folder / binary).write_bytes(made)
     except CompilerFailed as error:
         lines = str(error).splitlines()
         said = next((line for line in lines if "error" in line), lines[-1])
@@ -57,20 +56,22 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
 
 def _library(
     folder: Path, name: str, arguments: list[str], compiler: list[str], identifier: str
-) -> Path:
-    """The library in the cache, made if it does not exist."""
+) -> bytes:
+    """The library, compiled once for the same sources."""
     digest = hashlib.sha256(repr((compiler, arguments, identifier)).encode())
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(folder)).encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
-    made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
-    if not kernel_cache.is_whole(made):
+
+    def make() -> bytes:
         library = compile_in(folder, name, arguments, "compiled", compiler)
         if names := _with_prefix(library, identifier):
             named = [f"-D{identifier}_{plain}={plain}" for plain in names]
             library = compile_in(folder, name, [*arguments, *named], "compiled", compiler)
-        kernel_cache.write(made, library)
-    return made
+        return library
+
+    made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
+    return kernel_cache.kept(made, make)
 
 
 def _with_prefix(library: bytes, identifier: str) -> list[str]:

@@ -14,21 +14,10 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from ..solver.errors import FmuError
+from . import system_xml
 from .archive import LARGEST_OF_ALL, number, unpack_archive, unpacked_size
 from .system_network import Element, Network, SystemConnection, SystemOutput, SystemPort, unit_in
-from .system_xml import (
-    SSD,
-    SSM,
-    SSV,
-    Scaled,
-    Scaling,
-    check_root,
-    parse,
-    plain_type,
-    scaling_of,
-    truth,
-    units_of,
-)
+from .system_xml import SSD, SSM, SSV, Scaled, Scaling, parse, plain_type, units_of
 from .units import Unit
 
 DESCRIPTION = "SystemStructure.ssd"
@@ -240,7 +229,9 @@ class Bindings:
         for parameter in parameters:
             renamed = [e for e in entries if e.get("source") == parameter.name]
             for entry in renamed:
-                scaling = scaling_of(entry, f"{source}: the mapping of {parameter.name!r}")
+                scaling = system_xml.scaling_of(
+                    entry, f"{source}: the mapping of {parameter.name!r}"
+                )
                 self._set(place, entry.get("target", ""), parameter, scaling, source)
             # A mapping renames the listed names; the others are unchanged.
             if not renamed:
@@ -260,7 +251,7 @@ class Bindings:
         inner = next(iter(holder), None) if holder is not None else None
         if inner is None:
             raise FmuError(f"{where} has neither a source nor a {tag.rpartition('}')[2]} in it")
-        check_root(inner, tag, f"{where}: its content")
+        system_xml.check_root(inner, tag, f"{where}: its content")
         return inner, where
 
     def _set(
@@ -330,7 +321,7 @@ def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: st
             if value != number(text, what):
                 raise FmuError(f"{what} is {text!r}, expected an integer")
         elif kind == "Boolean":
-            value = truth(text, what)
+            value = system_xml.truth(text, what)
         elif kind in ("String", "Enumeration") and text is not None:
             value = text
         elif kind != "Binary":

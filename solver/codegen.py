@@ -232,12 +232,11 @@ def generate(component: Component) -> Kernel:
     unpack = _places(component)
     most = max((len(m.events) for m in component.modes), default=0)
     source = _source(component, unpack, most)
-    held = len(unpack["u"]) + bool(component.modes)
     uses = [_symbols_of(component, o) for o in component.all_outputs]
     tapes = record_tape(
         source,
         len(component.all_states),
-        held,
+        len(unpack["u"]) + bool(component.modes),
         most,
         len(component.delays),
         len(inputs) + len(component.discrete),

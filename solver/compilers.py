@@ -96,14 +96,14 @@ def cross_compiler(name: str) -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc", *target]
 
 
-def compile_library(name: str, sources: Mapping[str, str], main: str, stem: str) -> bytes:
-    """The shared library of the file `main` among these texts by file name; see `compile_in`."""
+def compile_library(name: str, texts: Mapping[str, str], given: Sequence[str], stem: str) -> bytes:
+    """The library made from texts by file name, with `FLAGS` and `given`; see `compile_in`."""
     from .files import temporary_folder  # not at the top: the build of this package runs this file
 
     with temporary_folder("compile") as folder:
-        for file, text in sources.items():
+        for file, text in texts.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
-        return compile_in(Path(folder), name, [*FLAGS, main], stem)
+        return compile_in(Path(folder), name, [*FLAGS, *given], stem)
 
 
 def compile_in(

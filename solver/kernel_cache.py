@@ -15,6 +15,7 @@ import shutil
 import stat
 import sys
 import tempfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -113,6 +114,15 @@ def write(path: Path, data: bytes) -> None:
     make_way(path)
     write_atomically(path, data)
     seal(path, data)
+
+
+def kept(path: Path, make: Callable[[], bytes]) -> bytes:
+    """Content of an entry, made if it does not exist; a full disk costs time, not results."""
+    if (data := read(path)) is None:
+        data = make()
+        with contextlib.suppress(OSError):
+            write(path, data)
+    return data
 
 
 def seal(path: Path, data: bytes | None = None) -> None:

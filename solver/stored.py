@@ -6,7 +6,6 @@ component, and all modules of this package that those import.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import re
 from collections.abc import Callable, Iterator
@@ -79,11 +78,10 @@ def stored_kernel(name: str, make: Callable[[], Component], *modules: str) -> Ke
     these modules of this package.
     """
     path = kernel_cache.entry(kernel_cache.COMPONENTS, f"{name}-{fingerprint(*modules)}.json")
-    if (kept := kernel_cache.read(path)) is not None:
-        return Kernel.from_json(kept.decode())
-    from .codegen import generate
 
-    kernel = generate(make())
-    with contextlib.suppress(OSError):  # a full disk costs time, not results
-        kernel_cache.write(path, kernel.to_json().encode())
-    return kernel
+    def derived() -> bytes:
+        from .codegen import generate
+
+        return generate(make()).to_json().encode()
+
+    return Kernel.from_json(kernel_cache.kept(path, derived).decode())

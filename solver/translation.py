@@ -1,8 +1,7 @@
 """The generated equations, which are plain Python over ``math``, as C, and compiled for speed.
 
 Writing them in C term by term keeps the order of every operation, so that they give the numbers of
-the tapes, about five times as fast, and no new derivation is needed. Compiling takes half a second,
-which is worthwhile for long computations, such as a map; the library is kept on disk.
+the tapes, about five times as fast. Compiling takes half a second, which is worthwhile for a map.
 """
 
 from __future__ import annotations
@@ -71,10 +70,8 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     head = resources.files(__package__).joinpath("c", "system.h").read_text(encoding="utf-8")
     text = "\n".join(['#include "system.h"\n', *parts, _TAIL % filled])
     try:
-        data = compile_library(
-            platform, {"system.h": head, "equations.c": text}, "equations.c", module
-        )
-        kernel_cache.write(path, data)
+        files = {"system.h": head, "equations.c": text}
+        kernel_cache.write(path, compile_library(platform, files, ["equations.c"], module))
     except (CompilerFailed, OSError):
         return False  # slower, with the same numbers
     return True

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from ...solver.compilers import PLATFORMS, compile_library, compiler_for, own_platform, platforms_of
+from ...solver import compilers, kernel_cache
+from ...solver.compilers import PLATFORMS, compile_library, compiler_for, platforms_of
 from ...solver.component import Component
 from ...solver.files import write_atomically
+from ...solver.kernel_cache import hashed_name
 from ..accompanying import accompanying_files
 from ..archive import pack, xml_text
 from ..dependencies import kinds_of
 from ..description import MAIN, model_description, token_of
 from ..feedback_law import with_law_ports
 from ..made_here import remember
-from .sources import NativeModel, native_model, sources
+from .sources import NativeModel, declarations, native_model, own_sources, sources_of_all
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def write_native(
 ) -> NativeFmu:
     """As `export_native`, for a compiled component."""
     path = Path(path)
-    wanted = tuple(platforms if platforms is not None else filter(None, [own_platform()]))
+    wanted = tuple(platforms if platforms is not None else filter(None, [compilers.own_platform()]))
     for name in wanted:
         if name not in platforms_of(fmi):
             raise ValueError(
@@ -83,8 +85,10 @@ def write_native(
             )
     able = tuple(name for name in wanted if compiler_for(name))
     kernel, interface = model.kernel, model.interface
-    token = token_of(*sources(model, fmi, "").values(), repr(interface))
-    texts = sources(model, fmi, token)
+    own = own_sources(model)
+    alike = sources_of_all(fmi) | {"model.h": declarations(own["model.h"])}
+    token = token_of(*alike.values(), *own.values(), repr(interface))
+    texts = {**alike, **own, "token.h": f'OWN const char TOKEN[] = "{token}";\n'}
     kinds = kinds_of(model.partials, model.entries)
     described = model_description(kernel, interface, fmi, token, kinds, model.exchanges)
     files = {"modelDescription.xml": described}
@@ -92,13 +96,23 @@ def write_native(
         files["sources/buildDescription.xml"] = _build_description(kernel.name)
     for name in able:
         kind = PLATFORMS[name]
-        library = compile_library(name, texts, MAIN[fmi], kernel.name)
+        given = ["-DSEPARATE", "equations.c", _alike(name, fmi, alike)]
+        library = compile_library(name, texts, given, kernel.name)
         files[f"binaries/{kind.folder[fmi]}/{kernel.name}{kind.suffix}"] = library
     files |= accompanying_files(kernel, interface, fmi)
     files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
     write_atomically(path, pack(files))
     remember(path)
     return NativeFmu(path, able, tuple(name for name in wanted if name not in able))
+
+
+def _alike(name: str, fmi: int, sources: dict[str, str]) -> str:
+    """The object file of what is alike in all FMUs, in the user's cache."""
+    way = compiler_for(name), PLATFORMS[name], compilers.FLAGS, sources
+    path = kernel_cache.entry(kernel_cache.COMPILED, hashed_name("alike", repr(way)) + ".o")
+    given = ["-DSEPARATE", "-c", MAIN[fmi]]
+    kernel_cache.kept(path, lambda: compile_library(name, sources, given, "alike"))
+    return str(path)
 
 
 def _build_description(identifier: str) -> bytes:

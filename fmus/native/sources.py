@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,12 +16,10 @@ from ...solver.kernel import Kernel
 from ...solver.tape import functions
 from ...solver.translation import in_c
 from ..dependencies import states_of_outputs
-from ..description import MAIN
 from ..interface import MESSAGE, Interface, native_interface_of
 from .partials import entry_of, partials
 
 _CORE = ("system.h", "factorize.h", "delays.c", "stepper.h", "events.c", "stepper.c")
-_PARTS = ("instance.h", "events.h", "component.h", "exchange.h", "saved_states.h", "calls.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
 
@@ -60,22 +59,22 @@ def native_model(component: Component) -> NativeModel:
     return NativeModel(generate(component), generate(partials(component)))
 
 
-def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
-    """Text by file name of everything that the compiler needs; `MAIN` names the file to compile.
+def sources_of_all(fmi: int) -> dict[str, str]:
+    """Text by file name of what is alike in all FMUs; `MAIN` names the file to compile."""
+    shared = [resources.files(solver) / "c" / name for name in _CORE]
+    own = (resources.files(__package__) / "c").iterdir()
+    files = [*shared, *(file for file in own if f"fmi{5 - fmi}" not in file.name)]
+    return {file.name: file.read_text(encoding="utf-8") for file in files}
 
-    Parameters
-    ----------
-    model : NativeModel
-    fmi : {2, 3}
-    token : str
-        Token that a host must give at instantiation.
-    """
-    folder = resources.files(__package__) / "c"
-    names = (*_PARTS, MAIN[fmi], f"fmi{fmi}_declarations.h")
-    fixed = {name: (folder / name).read_text(encoding="utf-8") for name in names}
-    core = resources.files(solver) / "c"
-    fixed |= {name: (core / name).read_text(encoding="utf-8") for name in _CORE}
-    return {**fixed, "model.h": _tables(model, token), "equations.h": _equations(model)}
+
+def own_sources(model: NativeModel) -> dict[str, str]:
+    """Text by file name of what is the model's own, except its token."""
+    return {"model.h": _tables(model), "equations.c": _equations(model)}
+
+
+def declarations(definitions: str) -> str:
+    """For another file, declarations of what a text defines, which are alike for all models."""
+    return "".join(f"extern {name};\n" for name in re.findall(r"^OWN (.+?) =", definitions, re.M))
 
 
 def _equations(model: NativeModel) -> str:
@@ -89,31 +88,22 @@ def _equations(model: NativeModel) -> str:
         f"/* The equations of {model.kernel.name}, generated: derivatives dx, their partial\n"
         " * derivatives J by the states and ft by time, outputs y, next discrete states d, event\n"
         " * indicators g, and all partial derivatives of derivatives and outputs. */\n"
-        "#include <math.h>\n"
+        '#include "tables.h"\n#include "token.h"\n'
     )
     system = (
-        "static const System SYSTEM = {\n"
+        "OWN const System SYSTEM = {\n"
         "    N, HELD_SIZE, EVENTS, NULL,\n"
         f"    rhs, jac, out, sample, indicate, kind, react, NULL, {delayed}, NULL,\n"
-        "};\n"
+        "};\nOWN const Function SPREAD = spread, PARTIAL = partial;\n"
     )
     return "\n".join([head, *parts, system])
 
 
 _COUNTS = ("inputs", "discrete", "delays", "modes")  # of the layout
-_PLACES = (
-    *("parameters", "states", "outputs", "starts", "tolerance"),
-    *("info", "time", "samples", "sample_time"),
-)
+_PLACES = "parameters states outputs starts tolerance info time samples sample_time".split()
 _MODEL = """\
 /* What {model} consists of, generated; offsets are into the array of all its numbers. */
-#ifndef MODEL_H
-#define MODEL_H
-
-#include <math.h>
-
-#define MODEL {name}
-#define TOKEN {token}
+OWN const char MODEL[] = {name};
 {constants}
 
 {initial}
@@ -121,28 +111,16 @@ _MODEL = """\
 /* the state that an output is equal to */
 {shown}
 /* row and column of each partial derivative: derivatives and outputs by states and inputs */
-static const short PARTIAL_AT[][2] = {{{pairs}}};
-
-typedef struct {{
-    enum {{
-        NOTHING, INPUT, PARAMETER, OUTPUT, STATE,
-        DERIVATIVE, MESSAGE, CLOCK, INDICATOR
-    }} what;
-    int place; /* in that array; of a derivative and an indicator, its number */
-    const char *name, *unit;
-    double low, high;
-}} Variable;
+OWN const short PARTIAL_AT[][2] = {{{pairs}}};
 
 /* by value reference */
-static const Variable VARIABLES[REFERENCES] = {{
+OWN const Variable VARIABLES[] = {{
 {variables}
 }};
-
-#endif
 """
 
 
-def _tables(model: NativeModel, token: str) -> str:
+def _tables(model: NativeModel) -> str:
     kernel, interface, layout = model.kernel, model.interface, model.interface.layout
     constants = {"N": len(kernel.states), "EVENTS": kernel.events, "HELD_SIZE": layout.held}
     constants |= {"OUTPUT_COUNT": len(kernel.outputs), "PARTIALS": len(model.entries)}
@@ -151,12 +129,12 @@ def _tables(model: NativeModel, token: str) -> str:
     constants |= {"REFERENCES": interface.time_reference + 1, "CAN_EXCHANGE": int(model.exchanges)}
     constants |= {name.upper(): getattr(layout, name) for name in _COUNTS}
     constants |= {f"AT_{name.upper()}": getattr(layout, name) for name in _PLACES}
-    constants |= {f"FRAME_{key.upper()}": value for key, value in layout.frame.items()}
+    frame = ("ask", "seen", "from", "to", "count")
+    constants |= {f"FRAME_{key.upper()}": layout.frame.get(key, 0) for key in frame}
     return _MODEL.format(
         model=kernel.name,
         name=_quoted(kernel.name),
-        token=_quoted(token),
-        constants="\n".join(f"#define {name} ({value})" for name, value in constants.items()),
+        constants="\n".join(f"OWN const int {name} = {n};" for name, n in constants.items()),
         initial=_array("double", "INITIAL", [_number(v) for v in layout.initial]),
         nominal=_array("double", "NOMINAL", [_number(v) for v in layout.nominal]),
         shown=_array("int", "STATE_OF_OUTPUT", map(str, states_of_outputs(kernel))),
@@ -185,7 +163,7 @@ def _variables(model: NativeModel) -> Iterable[str]:
 
 
 def _array(kind: str, name: str, values: Iterable[str]) -> str:
-    return f"static const {kind} {name}[] = {{{', '.join(values) or '0'}}};"
+    return f"OWN const {kind} {name}[] = {{{', '.join(values) or '0'}}};"
 
 
 def _number(value: float) -> str:

@@ -193,7 +193,7 @@ if os.getuid() == 0:
 @pytest.mark.ci
 def test_a_library_in_a_cache_that_others_can_write_is_not_loaded(above, load):
     """In its place lies another with its digest, which is loaded where the cache is the user's."""
-    bad = compilers.compile_library(compilers.own_platform(), {"e.c": PLANTED}, "e.c", "e")
+    bad = compilers.compile_library(compilers.own_platform(), {"e.c": PLANTED}, ["e.c"], "e")
     for k, (where, change) in enumerate([*UNSAFE.values(), (".", lambda path: None)]):
         cache = above / str(k) / "cache"
         (folder, library), said, code = load(cache)

@@ -15,12 +15,12 @@ typedef struct {
 /* Carry out what is due: samples, and events of the present mode. */
 static Status update_discrete_states(Instance *c, Events *events)
 {
-    double *memory = c->now.memory;
+    double *memory = c->memory;
     memset(events, 0, sizeof *events);
     if (stopped(c))
         return ERROR;
     if (AT_SAMPLE_TIME >= 0) {
-        const double period = memory[AT_SAMPLE_TIME < 0 ? 0 : AT_SAMPLE_TIME];
+        const double period = memory[AT_SAMPLE_TIME];
         const double now = TIME(c) + ROUND_OFF * period;
         if (!(period > 0.0 && fabs(memory[AT_SAMPLES]) < 4.5e15 &&
               (now - memory[AT_SAMPLES] * period) / period < MOST_SAMPLES))
@@ -81,7 +81,7 @@ static Status get_indicators(Instance *c, double *values, size_t n)
 
 static Status set_states(Instance *c, const double *values, size_t n)
 {
-    if (n != N || (n && !values))
+    if (n != (size_t)N || (n && !values))
         return refuse(c, "%lu states were given%s, expected %d", (unsigned long)n,
                       values ? "" : " by a null pointer", N);
     for (int i = 0; i < N; i++) {
@@ -99,14 +99,14 @@ static Status set_states(Instance *c, const double *values, size_t n)
 /* Row of an unknown in the matrix of partial derivatives; -1 if it has none. */
 static int row_of(uint32_t reference)
 {
-    const Variable *v = &VARIABLES[reference < REFERENCES ? reference : 0];
+    const Variable *v = &VARIABLES[reference < (uint32_t)REFERENCES ? reference : 0];
     return v->what == DERIVATIVE ? v->place : v->what == OUTPUT ? v->place - AT_OUTPUTS + N : -1;
 }
 
 /* Column of a known, which is a state or an input; -1 if it has none. */
 static int column_of(uint32_t reference)
 {
-    const Variable *v = &VARIABLES[reference < REFERENCES ? reference : 0];
+    const Variable *v = &VARIABLES[reference < (uint32_t)REFERENCES ? reference : 0];
     switch (v->what) {
     case INPUT: return v->place + N;
     case STATE: return v->place - AT_STATES;
@@ -120,12 +120,12 @@ static Status derivative_product(Instance *c, int adjoint, const uint32_t *unkno
                                  const uint32_t *knowns, size_t m, const double *seed,
                                  double *sensitivity)
 {
-    double by_row[N + OUTPUT_COUNT + 1] = {0.0};
-    double by_column[N + INPUTS + 1] = {0.0};
-    double values[AT_LEAST_1(PARTIALS)] = {0.0};
+    double *const by_row = c->scratch, *const by_column = by_row + N + OUTPUT_COUNT;
+    double *const values = by_row + SENSITIVITIES;
     if ((n && !unknowns) || (m && !knowns) || ((adjoint ? n : m) && !seed) ||
         ((adjoint ? m : n) && !sensitivity))
         return refuse(c, "a null pointer was given for partial derivatives");
+    memset(by_row, 0, SENSITIVITIES * sizeof *by_row);
     for (size_t k = 0; k < n; k++) {
         const int row = row_of(unknowns[k]);
         if (row < 0)
@@ -143,7 +143,7 @@ static Status derivative_product(Instance *c, int adjoint, const uint32_t *unkno
             by_column[column] += seed[k];
     }
     refresh(c);
-    partial(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
+    PARTIAL(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
     for (int k = 0; k < PARTIALS; k++) {
         const int row = PARTIAL_AT[k][0], column = PARTIAL_AT[k][1];
         /* derivatives that are not requested may be infinite: use only those with a seed not zero

@@ -1,9 +1,5 @@
 /* FMI 2.0, co-simulation and model exchange: the names and rules of that version around one
  * component. This is the one file to compile; it includes all others. */
-#include "model.h"
-
-#include "system.h"
-#include "equations.h"
 #include "component.h"
 #include "fmi2_declarations.h"
 
@@ -47,14 +43,16 @@ NAMED(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String token, fmi2Str
     if (!name || !name[0])
         wrong = "an instance needs a name";
     else if (!token || strcmp(token, TOKEN))
-        wrong = "the guid is not that of " MODEL ", version " TOKEN
-                "; the model description belongs to another FMU";
+        wrong = "the guid is not that of %s, version %s; the model description belongs to another "
+                "FMU";
     else if (type != 1 && !(type == 0 && CAN_EXCHANGE))
-        wrong = MODEL " is not made for this kind of simulation";
+        wrong = "%s is not made for this kind of simulation";
     if (wrong) {
+        char text[LONGEST_TEXT];
+        snprintf(text, sizeof text, wrong, MODEL, TOKEN);
         if (functions && functions->logger)
             log_to(functions->logger, functions->componentEnvironment, name ? name : "", ERROR,
-                   "logStatusError", wrong);
+                   "logStatusError", text);
         return NULL;
     }
     c = make_instance(name, type == 0);

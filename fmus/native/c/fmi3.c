@@ -1,9 +1,5 @@
 /* FMI 3.0, co-simulation and model exchange: the names and rules of that version around one
  * component. This is the one file to compile; it includes all others. */
-#include "model.h"
-
-#include "system.h"
-#include "equations.h"
 #include "component.h"
 #include "fmi3_declarations.h"
 
@@ -45,11 +41,13 @@ static Instance *instantiate(fmi3String name, fmi3String token, int exchange, co
     if (!name || !name[0])
         wrong = "an instance needs a name";
     else if (!token || strcmp(token, TOKEN))
-        wrong = "the instantiation token is not that of " MODEL ", version " TOKEN
-                "; the model description belongs to another FMU";
+        wrong = "the instantiation token is not that of %s, version %s; the model description belongs "
+                "to another FMU";
     if (wrong) {
+        char text[LONGEST_TEXT];
+        snprintf(text, sizeof text, wrong, MODEL, TOKEN);
         if (log)
-            log(environment, ERROR, "logStatusError", wrong);
+            log(environment, ERROR, "logStatusError", text);
         return NULL;
     }
     c = make_instance(name, exchange);
@@ -68,7 +66,7 @@ NAMED(fmi3InstantiateModelExchange)(fmi3String name, fmi3String token, fmi3Strin
                                     fmi3Boolean visible, fmi3Boolean logging,
                                     fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 { /* only errors are logged, so that `logging` is not used */
-    return instantiate(name, token, 1, CAN_EXCHANGE ? NULL : MODEL " is not for model exchange",
+    return instantiate(name, token, 1, CAN_EXCHANGE ? NULL : "%s is not for model exchange",
                        environment, log);
 }
 
@@ -81,9 +79,9 @@ NAMED(fmi3InstantiateCoSimulation)(fmi3String name, fmi3String token, fmi3String
 {
     const char *wrong = NULL;
     if (event_mode)
-        wrong = MODEL " has no event mode in co-simulation; its events happen within the steps";
+        wrong = "%s has no event mode in co-simulation; its events happen within the steps";
     else if (required_count)
-        wrong = MODEL " has no intermediate update";
+        wrong = "%s has no intermediate update";
     return instantiate(name, token, 0, wrong, environment, log);
 }
 
@@ -95,7 +93,7 @@ NAMED(fmi3InstantiateScheduledExecution)(fmi3String name, fmi3String token, fmi3
                                          fmi3LockPreemptionCallback lock,
                                          fmi3UnlockPreemptionCallback unlock)
 {
-    return instantiate(name, token, 0, MODEL " is not for scheduled execution", environment, log);
+    return instantiate(name, token, 0, "%s is not for scheduled execution", environment, log);
 }
 
 EXPORT(void) NAMED(fmi3FreeInstance)(fmi3Instance instance)

@@ -10,9 +10,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "tables.h"
+
 #include "stepper.c"
 
-#define AT_LEAST_1(n) ((n) > 0 ? (n) : 1) /* C has no arrays of length zero */
 #define ROUND_OFF 1e-9    /* share of a sampling period within which two times are equal */
 #define MAX_STEPS 200000
 #define MOST_SAMPLES 1e6  /* sample instants in one step */
@@ -47,34 +48,34 @@ typedef struct {
     int32_t padding;
 } Watch;
 
-/* Everything that determines how an instance continues. */
+/* Everything that determines how an instance continues. Its numbers and its watches follow it. */
 typedef struct {
-    double memory[MEMORY];
-    Watch watch[AT_LEAST_1(EVENTS)]; /* model exchange */
     int32_t phase;
     int32_t started; /* initialization is over */
     char failure[LONGEST_TEXT]; /* why it cannot continue; empty without a failure */
 } Saved;
+#define SAVED_DOUBLES ((sizeof(Saved) + EVENTS * sizeof(Watch)) / sizeof(double) + MEMORY)
+#define SENSITIVITIES (size_t)(N + OUTPUT_COUNT + N + INPUTS) /* by row, and by column */
+#define SAVED_BYTES (SAVED_DOUBLES * sizeof(double))
 
 typedef struct Kept {
     struct Kept *next;
-    Saved saved;
+    Saved *saved;    /* follows it in memory */
     double *history; /* null without delays */
 } Kept;
 
 typedef struct Instance {
-    Saved now;
+    Saved *now;
+    double *memory; /* all its numbers */
+    Watch *watch;   /* model exchange */
     int exchange; /* for model exchange, not co-simulation */
     int stale;    /* outputs do not belong to the present state and inputs */
     int derived;  /* derivatives belong to the present outputs */
-    double derivatives[AT_LEAST_1(N)];
-    double atol[AT_LEAST_1(N)];
-    System system; /* with delays: the equations, which read the history */
+    double *derivatives, *atol, *signals, *scratch;
+    System system; /* the equations; with delays they read the history */
     Delays delays;
-    double signals[DELAYS_DOUBLES(N, DELAYS) + 1];
     double *history; /* null without delays */
     Work work;
-    double work_memory[WORK_DOUBLES(N, EVENTS)];
     Kept *kept; /* saved states that are not freed yet */
     char *name;
     void *environment;
@@ -96,8 +97,8 @@ static void complain(Instance *c, int stops, const char *format, va_list values)
     char text[LONGEST_TEXT] = "";
     const int used = snprintf(text, LONGEST_TEXT, "%.200s: ", c->name);
     vsnprintf(text + used, (size_t)(LONGEST_TEXT - used), format, values);
-    if (stops && !c->now.failure[0])
-        memcpy(c->now.failure, text, sizeof text);
+    if (stops && !c->now->failure[0])
+        memcpy(c->now->failure, text, sizeof text);
     say(c, ERROR, text);
 }
 
@@ -128,15 +129,15 @@ static const char *phase_name(int phase)
 
 static int allowed(Instance *c, int phases, const char *call)
 {
-    if (c->now.phase & phases)
+    if (c->now->phase & phases)
         return 1;
-    refuse(c, "%s was called %s, where it is not allowed", call, phase_name(c->now.phase));
+    refuse(c, "%s was called %s, where it is not allowed", call, phase_name(c->now->phase));
     return 0;
 }
 
 /* -- delayed signals ---------------------------------------------------------------------- */
 
-#define EQUATIONS(c) (DELAYS > 0 ? (const System *)&(c)->system : &SYSTEM)
+#define EQUATIONS(c) ((const System *)&(c)->system)
 #define FIRST_ROOM 32 /* steps */
 #define HISTORY_BYTES(room)                                                                        \
     ((HISTORY_HEAD(DELAYS, HELD_SIZE) + (size_t)(room) * STEP_SIZE(DELAYS)) * sizeof(double))
@@ -178,40 +179,36 @@ static int remember(Instance *c, const double *from, double room)
 
 /* -- parts of the memory ------------------------------------------------------------------ */
 
-#define HELD(c) ((c)->now.memory)
-#define PARAMETERS(c) ((c)->now.memory + AT_PARAMETERS)
-#define STATES(c) ((c)->now.memory + AT_STATES)
-#define OUTPUTS(c) ((c)->now.memory + AT_OUTPUTS)
-#define INFO(c) ((Info *)((c)->now.memory + AT_INFO))
-#define TIME(c) ((c)->now.memory[AT_TIME])
+#define HELD(c) ((c)->memory)
+#define PARAMETERS(c) ((c)->memory + AT_PARAMETERS)
+#define STATES(c) ((c)->memory + AT_STATES)
+#define OUTPUTS(c) ((c)->memory + AT_OUTPUTS)
+#define INFO(c) ((Info *)((c)->memory + AT_INFO))
+#define TIME(c) ((c)->memory[AT_TIME])
 
 static void set_time(Instance *c, double t)
 {
     TIME(c) = t;
     /* model exchange has no communication steps: a feedback law's step always begins now */
     if (c->exchange && STEP_START >= 0)
-        c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;
+        c->memory[STEP_START] = t;
     c->stale = 1;
 }
 
 static void scale_tolerances(Instance *c)
 {
     for (int i = 0; i < N; i++)
-        c->atol[i] = NOMINAL[i] * c->now.memory[AT_TOLERANCE];
+        c->atol[i] = NOMINAL[i] * c->memory[AT_TOLERANCE];
 }
 
 /* Set tangents from their inputs, if a new frame is requested. */
 static void take_frame(Instance *c)
 {
-#ifdef FRAME_ASK
-    double *memory = c->now.memory;
-    if (memory[FRAME_ASK] != memory[FRAME_SEEN]) {
+    double *memory = c->memory;
+    if (FRAME_COUNT > 0 && memory[FRAME_ASK] != memory[FRAME_SEEN]) {
         memory[FRAME_SEEN] = memory[FRAME_ASK];
         memcpy(memory + FRAME_TO, memory + FRAME_FROM, FRAME_COUNT * sizeof *memory);
     }
-#else
-    (void)c;
-#endif
 }
 
 #endif

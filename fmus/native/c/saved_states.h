@@ -25,7 +25,7 @@ static uint64_t hash(const void *data, size_t n)
 
 static uint64_t model_hash(const Instance *c)
 {
-    return hash(TOKEN, sizeof TOKEN) + (uint64_t)c->exchange;
+    return hash(TOKEN, strlen(TOKEN)) + (uint64_t)c->exchange;
 }
 
 static Kept *find_kept(Instance *c, const void *state)
@@ -41,11 +41,12 @@ static Kept *find_kept(Instance *c, const void *state)
 
 static Kept *keep(Instance *c)
 {
-    Kept *k = calloc(1, sizeof *k);
+    Kept *k = calloc(1, sizeof *k + SAVED_BYTES);
     if (!k) {
         refuse(c, "there is no memory for a saved state");
         return NULL;
     }
+    k->saved = (Saved *)(k + 1);
     k->next = c->kept;
     c->kept = k;
     return k;
@@ -60,7 +61,7 @@ static Status save_state(Instance *c, void **state)
         return ERROR;
     if (!take_history(&k->history, c->history, DELAYS > 0 ? c->history[ROOM] : 0.0))
         return refuse(c, "there is no memory for a saved state");
-    k->saved = c->now;
+    memcpy(k->saved, c->now, SAVED_BYTES);
     *state = k;
     return OK;
 }
@@ -72,7 +73,7 @@ static Status restore_state(Instance *c, const void *state)
         return ERROR;
     if (!remember(c, k->history, DELAYS > 0 ? k->history[ROOM] : 0.0))
         return refuse(c, "there is no memory for what delayed signals were");
-    c->now = k->saved;
+    memcpy(c->now, k->saved, SAVED_BYTES);
     scale_tolerances(c);
     c->stale = 1;
     return OK;
@@ -104,7 +105,7 @@ static Status serialized_size(Instance *c, const void *state, size_t *size)
         return ERROR;
     if (!size)
         return refuse(c, "a null pointer was given for a size");
-    *size = sizeof(Header) + sizeof k->saved + bytes_of(k->history);
+    *size = sizeof(Header) + SAVED_BYTES + bytes_of(k->history);
     return OK;
 }
 
@@ -113,16 +114,16 @@ static Status serialize_state(Instance *c, const void *state, void *bytes, size_
     const Kept *k = find_kept(c, state);
     if (!k)
         return ERROR;
-    Header header = {.model = model_hash(c), .size = sizeof k->saved + bytes_of(k->history)};
+    Header header = {.model = model_hash(c), .size = SAVED_BYTES + bytes_of(k->history)};
     if (!bytes || size < sizeof header + header.size)
         return refuse(c, "%lu bytes were given for a state%s, expected %lu", (unsigned long)size,
                       bytes ? "" : " by a null pointer",
                       (unsigned long)(sizeof header + header.size));
     memcpy(header.mark, MARK, sizeof header.mark);
     char *body = (char *)bytes + sizeof header;
-    memcpy(body, &k->saved, sizeof k->saved);
+    memcpy(body, k->saved, SAVED_BYTES);
     if (DELAYS > 0)
-        memcpy(body + sizeof k->saved, k->history, bytes_of(k->history));
+        memcpy(body + SAVED_BYTES, k->history, bytes_of(k->history));
     header.check = hash(body, header.size);
     memcpy(bytes, &header, sizeof header);
     return OK;
@@ -131,7 +132,7 @@ static Status serialize_state(Instance *c, const void *state, void *bytes, size_
 static Status deserialize_state(Instance *c, const void *bytes, size_t size, void **state)
 {
     Header header;
-    const size_t least = sizeof(Saved) + (DELAYS > 0 ? HISTORY_BYTES(0) : 0);
+    const size_t least = SAVED_BYTES + (DELAYS > 0 ? HISTORY_BYTES(0) : 0);
     double room = 0.0;
     if (!bytes || !state)
         return refuse(c, "a null pointer was given for a serialized state");
@@ -148,12 +149,12 @@ static Status deserialize_state(Instance *c, const void *bytes, size_t size, voi
     if (!k)
         return ERROR;
     if (DELAYS > 0)
-        memcpy(&room, body + sizeof k->saved + ROOM * sizeof room, sizeof room);
+        memcpy(&room, body + SAVED_BYTES + ROOM * sizeof room, sizeof room);
     if (!take_history(&k->history, NULL, room))
         return refuse(c, "there is no memory for a saved state");
-    memcpy(&k->saved, body, sizeof k->saved);
+    memcpy(k->saved, body, SAVED_BYTES);
     if (DELAYS > 0)
-        memcpy(k->history, body + sizeof k->saved, bytes_of(k->history));
+        memcpy(k->history, body + SAVED_BYTES, bytes_of(k->history));
     *state = k;
     return OK;
 }
