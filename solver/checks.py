@@ -62,18 +62,16 @@ def _declared(component: Component) -> dict[str, str]:
     return seen
 
 
-def _check_expression(
-    component: Component, where: str, expression: sp.Expr, declared: dict[str, str]
-) -> None:
-    if wrong := unsupported_function(expression):
+def _check_expression(part: Component, where: str, e: sp.Expr, declared: dict[str, str]) -> None:
+    if wrong := unsupported_function(e):
         known = ", ".join(sorted(f.__name__ for f in FUNCTIONS))
-        _refuse(component, f"{where} uses {wrong}, which is not supported; supported are {known}")
-    for name in sorted(s.name for s in symbols_in(expression)):
+        _refuse(part, f"{where} uses {wrong}, which is not supported; supported are {known}")
+    for name in sorted(s.name for s in symbols_in(e)):
         if name not in declared:
-            _refuse(component, f"{where} uses {name!r}, which is not declared")
-        if symbol(name) not in symbols_in(expression):
+            _refuse(part, f"{where} uses {name!r}, which is not declared")
+        if symbol(name) not in symbols_in(e):
             how = "with other assumptions; make it with ballscrew.symbol"
-            _refuse(component, f"{where} uses a symbol {name!r} {how}")
+            _refuse(part, f"{where} uses a symbol {name!r} {how}")
 
 
 def _check_modes(component: Component, states: list[str], outputs: list[str]) -> None:

@@ -97,10 +97,8 @@ def _assignments(
             if symbol(name) in used:
                 lines.append(f"{indent}{name}_ = {vector}[{index}]")
     rename = {s: sp.Symbol(s.name + "_", real=True) for s in used if s != TIME}
-    for name, expression in common:
+    for name, expression in [*common, *zip(targets, reduced, strict=True)]:
         lines.append(f"{indent}{name} = {as_python(expression.xreplace(rename))}")
-    for target, expression in zip(targets, reduced, strict=True):
-        lines.append(f"{indent}{target} = {as_python(expression.xreplace(rename))}")
     return lines or [f"{indent}pass"]
 
 

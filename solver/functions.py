@@ -57,19 +57,14 @@ _PARTS = (
 )
 
 
-def unsupported_function(expression: sp.Expr) -> str:
+@cache
+def unsupported_function(node: sp.Basic) -> str:
     """Name of the first function in it that is not supported; empty if there is none."""
-    for node in sp.preorder_traversal(expression):
-        if isinstance(node, ImaginaryUnit | NaN | ComplexInfinity) or not isinstance(node, _PARTS):
-            return str(node.func.__name__)
-        if isinstance(node, sp.Piecewise) and node.args[-1].cond != sp.true:
-            return "Piecewise without a last piece (..., True)"
-    return ""
-
-
-def slope(expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
-    """The derivative of a supported expression by one symbol."""
-    return slopes([expression], [by])[0, 0]
+    if isinstance(node, ImaginaryUnit | NaN | ComplexInfinity) or not isinstance(node, _PARTS):
+        return str(node.func.__name__)
+    if isinstance(node, sp.Piecewise) and node.args[-1].cond != sp.true:
+        return "Piecewise without a last piece (..., True)"
+    return next(filter(None, map(unsupported_function, node.args)), "")
 
 
 @cache
@@ -82,27 +77,36 @@ def symbols_in(expression: sp.Basic) -> frozenset[sp.Symbol]:
 
 def slopes(expressions: Sequence[sp.Expr], by: Sequence[sp.Symbol]) -> sp.Matrix:
     """The partial derivatives of supported expressions, one row each, one column per symbol."""
-    table = sp.zeros(len(expressions), len(by))
-    for row, expression in enumerate(map(sp.sympify, expressions)):
-        marked = _replaced(expression, _MARKED) if _has_kinks(expression) else expression
-        used = symbols_in(expression)
-        for column, variable in enumerate(by):
-            if variable in used:
-                table[row, column] = _replaced(marked.diff(variable), _PLAIN)
-    return table
+    entries = [slope(sp.sympify(e), symbol) for e in expressions for symbol in by]
+    return sp.Matrix(len(expressions), len(by), entries)
 
 
-def _has_kinks(expression: sp.Expr) -> bool:
-    return expression.has(*_SPECIAL) or any(
-        isinstance(_power(*p.args), _Power) for p in expression.atoms(sp.Pow)
-    )
+@cache
+def slope(expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
+    """The derivative of a supported expression by one symbol."""
+    if by not in symbols_in(expression):
+        return sp.Integer(0)
+    return _replaced(_marked(expression).diff(by), _PLAIN)
+
+
+@cache
+def _marked(expression: sp.Expr) -> sp.Expr:
+    """With functions whose derivatives are ours, if it has kinks."""
+    kinked = any(isinstance(_power(*p.args), _Power) for p in expression.atoms(sp.Pow))
+    kinked = kinked or not _kinds_in(expression).isdisjoint(_SPECIAL)
+    return _replaced(expression, _MARKED) if kinked else expression
 
 
 def _replaced(expression: sp.Expr, table: dict[type[sp.Basic], Any]) -> sp.Expr:
     for kind, function in table.items():
-        if expression.has(kind):
+        if kind in _kinds_in(expression):
             expression = expression.replace(kind, function)
     return expression
+
+
+@cache
+def _kinds_in(expression: sp.Basic) -> frozenset[type]:
+    return frozenset({type(expression)}).union(*map(_kinds_in, expression.args))
 
 
 # -- functions whose derivatives are ours ---------------------------------------------------------

@@ -13,6 +13,7 @@ import ast
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,7 @@ def _packed(head: Sequence[int], tapes: list[Tape]) -> bytes:
     return b"".join(parts)
 
 
+@lru_cache(maxsize=8)
 def functions(source: str) -> dict[str, ast.FunctionDef]:
     """The functions in a text by name."""
     return {n.name: n for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}

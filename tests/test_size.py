@@ -15,10 +15,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5923, 5273),
+    "solver": (5923, 5272),
     "plant": (1686, 1407),
     "controllers": (1215, 955),
-    "fmus": (4972, 4444),
+    "fmus": (4968, 4444),
     "orchestration": (9111, 7997),
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
