@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...orchestration.loop.pictures import COLOURS, STYLE, empty_figure
+from ...orchestration.loop.pictures import COLOURS, styled_figure
 from ...plant.instruments.acquisition import SAMPLE_TIME, filter_lag
 from ...solver.arrays import Vector
 from ...solver.files import write_atomically, write_json
@@ -135,15 +135,12 @@ class TrialRecord(Setup):
 
 def record_figure(recorded: TrialRecord) -> Any:
     """A figure of the record over time."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE | {"font.size": 9, "lines.linewidth": 1.2}):
-        figure = empty_figure((7, 6))
-        rows = figure.subplots(3, 1, sharex=True)
+    style = {"font.size": 9, "lines.linewidth": 1.2}
+    with styled_figure(3, 1, (7, 6), None, True, **style) as (figure, grid):
         # the search for the best layout would take as long as the drawing
         figure.subplots_adjust(left=0.11, right=0.98, top=0.95, bottom=0.08, hspace=0.12)
-        _draw(recorded, rows)
-        figure.align_ylabels(rows)
+        _draw(recorded, grid[:, 0])
+        figure.align_ylabels()
     return figure
 
 

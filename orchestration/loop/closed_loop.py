@@ -89,7 +89,6 @@ def metrics(run: LoopRun) -> dict[str, float | None]:
     steps = step != 0.0 and not moves
     beyond = (-np.inf, goal[0]) if step > 0.0 else (goal[0], np.inf)
     duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
-    mean_square = float(np.trapezoid(error**2, time)) / duration
     return {
         "peak_voltage": float(command[peak]),
         "peak_voltage_time": float(time[peak]),
@@ -97,7 +96,7 @@ def metrics(run: LoopRun) -> dict[str, float | None]:
         "overshoot": overshoot(x, *beyond) if steps else None,
         "steady_state_error": float(error[-1]),
         "iae": float(np.trapezoid(np.abs(error), time)),
-        "rms_error": float(np.sqrt(mean_square)) if moves else None,
+        "rms_error": float(np.sqrt(np.trapezoid(error**2, time) / duration)) if moves else None,
         "largest_error": float(np.max(np.abs(error))) if moves else None,
     }
 
@@ -177,9 +176,8 @@ class ClosedLoopResult:
             piece = [column[first : first + ROWS].tolist() for column in table]
             yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))
 
-    def save(self, folder: Path | str) -> None:
+    def save(self, folder: Path) -> None:
         """Write trajectory.csv, metrics.json and parameters.toml."""
-        folder = Path(folder)
         write_atomically(folder / "trajectory.csv", self.trajectory_csv())
         if isinstance(self.loop, Loop):  # an .ssp holds its values
             self.loop.parameters().save(folder)
@@ -218,9 +216,8 @@ class SwapResult:
         names = (f"trajectory_{n}{k}.csv" for n, k in zip(labels, numbers, strict=True))
         return [os.fsdecode(name.encode()) for name in names]
 
-    def save(self, folder: Path | str) -> None:
+    def save(self, folder: Path) -> None:
         """Write comparison.csv, comparison.json, trajectories and parameters.toml."""
-        folder = Path(folder)
         self.parameters().save(folder)
         for name, result in zip(self.trajectories, self.results, strict=True):
             write_atomically(folder / name, result.trajectory_csv())

@@ -78,19 +78,28 @@ def drawing(what: str = "a picture") -> Iterator[None]:
         print(f"note: {what} could not be drawn: {why}", file=sys.stderr)
 
 
-def _as_file(figure: Any, kind: str, **how: Any) -> bytes:
+def _as_file(figure: Any, kind: str, for_good: bool = False, **how: Any) -> bytes:
+    """A figure as bytes; if `for_good`, places are found once, which takes longer than the rest."""
     import matplotlib as mpl
 
     stream = io.BytesIO()
     with mpl.rc_context(STYLE | how.pop("style", {})):
+        if for_good and (layout := figure.get_layout_engine()):
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(stream, format=kind, **how)
+    for axes in figure.axes if for_good else ():
+        for axis in (axes.xaxis, axes.yaxis):
+            place = axis.label.get_transform().transform(axis.label.get_position())
+            axis.set_label_coords(*axes.transAxes.inverted().transform(place))
     return stream.getvalue()
 
 
 @drawing()
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
     """Write a figure as PNG and, if ``BALLSCREW_SVG`` is set, as SVG."""
-    write_atomically(folder / f"{stem}.png", _as_file(figure, "png"))
+    figure.png = _as_file(figure, "png", for_good=True)
+    write_atomically(folder / f"{stem}.png", figure.png)
     if os.environ.get("BALLSCREW_SVG"):
         write_atomically(folder / f"{stem}.svg", _as_file(figure, "svg", metadata={"Date": None}))
 
@@ -104,27 +113,21 @@ def inline(figure: Any) -> Any:
     if len(drawn) <= MOST:
         drawn = drawn[drawn.index("<svg") :]
         return Markup(re.sub('<g id="[^"]*">', "<g>", drawn))  # a page has each id once
-    shown = base64.b64encode(_as_file(figure, "png")).decode()
+    shown = base64.b64encode(getattr(figure, "png", None) or _as_file(figure, "png")).decode()
     return Markup('<img alt="" src="data:image/png;base64,{}">').format(shown)
 
 
-def empty_figure(size: tuple[float, float], layout: Any = None) -> Any:
-    """A figure without axes, which is not registered anywhere; a notebook shows it."""
+def new_figure(
+    rows: int, columns: int, size: Any, layout: Any = "constrained", sharex: bool = False
+) -> tuple[Any, Any]:
+    """A figure that is registered nowhere, and its axes; `size` is in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure: Any = Figure(figsize=size, layout=layout)
     FigureCanvasAgg(figure)
     figure._repr_png_ = partial(_as_file, figure, "png")
-    return figure
-
-
-def new_figure(
-    rows: int, columns: int, size: tuple[float, float], layout: str | None = "constrained"
-) -> tuple[Any, Any]:
-    """A figure with its axes; to measure a run's labels takes longer than to draw it."""
-    figure = empty_figure(size, layout)
-    return figure, figure.subplots(rows, columns, squeeze=False)
+    return figure, figure.subplots(rows, columns, sharex=sharex, squeeze=False)
 
 
 @contextmanager
@@ -180,8 +183,7 @@ def _draw(axes: Any, run: LoopRun, values: Vector, end: float = math.inf, **styl
 
 
 def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
-    style = {"color": "#555555", "label": "set-point", "lw": 1, "ls": ":"}
-    _draw(axes, run, run.reference * factor, end, **style)
+    _draw(axes, run, run.reference * factor, end, color="#555555", label="set-point", lw=1, ls=":")
 
 
 def _time_label(end: float, stop: float) -> str:
@@ -243,8 +245,7 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         for axes in (position, fine, voltage):
             axes.set_xlim(-0.02 * end, end)  # changes at the start are separate from the frame
         for axes, title in ((position, ""), (voltage, "peak")):  # next to the curves, never over
-            names = axes.get_legend_handles_labels()[1]
-            size = 8 if any("\n" in name for name in names) else None
+            size = 8 if any("\n" in name for name in axes.get_legend_handles_labels()[1]) else None
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
         figure.align_ylabels()
     return figure
