@@ -120,7 +120,7 @@ def follow_tangents(
     model.x[:], model.u[:], model.info[:] = start, held, info
     again = _followed(model, grid, rows[:leading], farthest, collocating=True)
     model.x[:], model.u[:], model.info[:] = end, last, notes
-    if again.failure:
+    if again.failure or not np.isfinite(again.growth[-1]).all():  # alone, they lose a direction
         return run
     run.growth[:, :leading] = again.growth
     return run

@@ -53,8 +53,12 @@ def test_events_without_end_fail_the_step_with_the_reason(written, kind):
 
 
 def test_a_ball_bounces_when_it_must_in_both_kinds_of_simulation(written):
-    """From 1 m, bounced at 0.4515 s with 0.8 of its speed; a switch watches 0.5 m either way."""
-    part = ball(0.0, Event("cross", HEIGHT - 0.5 + 0 * W, 0, {"side": SIDE + 1}))
+    """From 1 m, bounced at 0.4515 s with 0.8 of its speed; a switch watches 0.5 m either way.
+
+    One event is due at the start.
+    """
+    cross = Event("cross", HEIGHT - 0.5 + 0 * W, 0, {"side": SIDE + 1})
+    part = ball(0.0, cross, Event("begins", 0.5 - SIDE, 1, {"side": SIDE + 1}))
     path = written(part, "native-2")
     assert validate_fmu(str(path)) == []
     g, speed = 9.81, np.sqrt(2 * 9.81)
@@ -67,8 +71,8 @@ def test_a_ball_bounces_when_it_must_in_both_kinds_of_simulation(written):
         after = 0.8 * speed * (t - ground) - g / 2 * (t - ground) ** 2
         exact = np.where(t < ground, 1 - g / 2 * t**2, after)
         assert np.abs(course["h"] - exact).max() <= tolerance
-        assert course["s"][-1] == 3.0
-    assert Model(generate(part)).simulate(np.array([0.0, 1.0])).outputs["s"][-1] == 3.0
+        assert (course["s"][0], course["s"][-1]) == (1.0, 4.0)
+    assert Model(generate(part)).simulate(np.array([0.0, 1.0])).outputs["s"][-1] == 4.0
 
 
 # -- model exchange ----------------------------------------------------------------------------

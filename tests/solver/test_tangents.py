@@ -186,10 +186,11 @@ def test_a_relay_around_a_plant_has_the_multipliers_of_the_relay_oscillation():
 
 
 def test_sticking_takes_one_direction_away_for_good():
-    run = follow_tangents(Model(ks.belt(), {}, 1e-10), [0.0, 50.0])
+    run = follow_tangents(Model(ks.belt(beside=True), {}, 1e-10), [0.0, 50.0])
     assert run.events >= 8
     assert np.isfinite(run.growth[-1, 0])
-    assert run.growth[-1, 1] == -np.inf
+    assert run.growth[-1, 1] == pytest.approx(-100.0, rel=1e-9)
+    assert run.growth[-1, 2] == -np.inf
 
 
 @pytest.mark.parametrize("modes", [(), (Mode("only"),)])

@@ -124,10 +124,11 @@ def many_passes() -> Kernel:
 
 
 @cache
-def belt() -> Kernel:
+def belt(beside: bool = False) -> Kernel:
     """A unit mass on a unit spring on a belt; friction falls with the sliding speed.
 
-    Sticking ends when the spring force reaches the largest friction, 1.
+    Sticking ends when the spring force reaches the largest friction, 1. With `beside` there is one
+    more state, which fades alone.
     """
     vb = symbol("vb")
     friction = 1 / (1 + FALLING * (vb - v))
@@ -138,6 +139,7 @@ def belt() -> Kernel:
         Mode("stick", derivatives={"x": vb, "v": sp.Integer(0)}, events=(slips,)),
     )
     rates = {"x": (v, 0.0), "v": (-x + friction, 0.0)}
+    rates |= {"w": (-2 * symbol("w"), 1.0)} if beside else {}
     return _kernel("belt", rates, {"vb": BELT_SPEED}, modes)
 
 
