@@ -43,6 +43,5 @@ def test_what_is_left_of_a_block_does_not_know_the_block():
     model = nominal()
     u = record.signals["u"] + late * 0.3 / model.linear.per_command
     found = held_out(explained(study_of([check_record("made", record.signals | {"u": u})], model)))
-    ends = found.none.force[8_200:9_800]
-    assert abs(np.mean(ends)) == pytest.approx(0.3, rel=0.2)
+    assert abs(np.mean(found.none.force[8_200:9_800])) == pytest.approx(0.3, rel=0.2)
     assert abs(np.mean(found.none.force[2_200:5_800])) < 0.1

@@ -48,8 +48,7 @@ def test_parts_are_where_they_were_put_and_a_drive_at_rest_is_in_no_other():
 
 
 def test_a_fast_sine_is_not_all_reversal():
-    v = 0.05 * np.sin(2 * np.pi * 3.0 * STEP * np.arange(4000))
-    parts = parts_of(v)
+    parts = parts_of(0.05 * np.sin(2 * np.pi * 3.0 * STEP * np.arange(4000)))
     share = parts["reversals"].mean()
     assert share == pytest.approx(2 / np.pi * np.arcsin(0.2), rel=0.1)
     assert [name for name, mask in parts.items() if not mask.any()] == ["rest"]

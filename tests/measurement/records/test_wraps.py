@@ -39,15 +39,13 @@ def test_angles_of_one_turn_go_on(tmp_path, unit, turn, half):
 @pytest.mark.parametrize("bits", [12, 14, 17, 32])
 def test_counters_of_fixed_size_go_on(tmp_path, bits):
     count = 0.03 / 2**bits  # X moves over 0.04 m
-    counts = np.round(X / count) % 2**bits
-    record = read(tmp_path, counts, f"{count}*m")
+    record = read(tmp_path, np.round(X / count) % 2**bits, f"{count}*m")
     np.testing.assert_allclose(record.x - record.x[0], X - X[0], atol=2 * count)
     assert f"x jumps by 2^{bits} " in record.notes[0]
 
 
 def test_a_counter_of_time_goes_on(tmp_path):
-    ticks = (np.round(1e6 * TIME) + 2**32 - 5e5) % 2**32
-    record = read(tmp_path, X, "m", ticks, "us")
+    record = read(tmp_path, X, "m", (np.round(1e6 * TIME) + 2**32 - 5e5) % 2**32, "us")
     np.testing.assert_allclose(np.diff(record.time), 1e-3, rtol=1e-6)
     assert record.notes == ("time jumps by 2^32 1 times: it wraps around and was unwrapped",)
 

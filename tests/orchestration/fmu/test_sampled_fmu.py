@@ -42,8 +42,7 @@ def test_a_sampled_controller_with_a_clock_of_its_own_is_stepped_by_communicatio
     """It says that its output is discrete, and its clock samples at every fifth of them."""
     path = str(tmp_path / "clock.fmu")
     ticks = "ceil((t + h) / 0.005 - 1e-6) > ceil(t / 0.005 - 1e-6)"
-    law = f"if ({ticks}) $u$ = 400 * ($x_d$ - $x$) - 2 * $v$;"
-    small_fmus.pd(path, out="", step=law)
+    small_fmus.pd(path, out="", step=f"if ({ticks}) $u$ = 400 * ($x_d$ - $x$) - 2 * $v$;")
     small_fmus.edited(path, ('"continuous" initial', '"discrete" initial'))
     fmu = ballscrew.run(path, stop=0.1, step=1e-3)
     assert "with the communication step of 0.001 s as its period" in " ".join(fmu.notes)

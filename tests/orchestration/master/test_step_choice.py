@@ -62,8 +62,7 @@ def test_runs_that_converge_are_trusted_and_the_estimate_bounds_the_error(order:
     runs = MadeUp(lambda level: 0.1 / 2.0 ** (order * level))
     run, choice = choose_step(runs)
     assert run.verdict.trusted
-    error = runs.error(len(choice.tried) - 1)
-    assert error <= run.verdict.error_estimate["x"] * (1 + 1e-9)
+    assert runs.error(len(choice.tried) - 1) <= run.verdict.error_estimate["x"] * (1 + 1e-9)
     assert run.verdict.error_estimate["x"] <= 0.01 * 1.2
     assert max(runs.ran) == len(choice.tried) - (order == 1)  # at most one level below
 

@@ -135,8 +135,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     study, out = tmp_path / "study.toml", tmp_path / "out"
     study.write_text(STUDY)
     shutil.copytree(folder / PARTS, out / PARTS)
-    given = ["study", str(study), "--workers", "1", "--out", str(out), "--resume"]
-    assert main(given) == 0
+    assert main(["study", str(study), "--workers", "1", "--out", str(out), "--resume"]) == 0
     printed = capsys.readouterr().out
     assert "2 controllers, 1 duties, 12 runs" in printed
     assert "Repeated over FMUs: " in printed
