@@ -3,8 +3,9 @@
 A hypothesis is *found* if its score, its share of the squares and the lower end of the interval of
 that share, all on held-out blocks, are large enough. The set has the best one that is found and all
 that come near the top score; without one that is found, it is empty. The best is named if no other
-entry of the catalogue is in the set. The numbers were set on records of simulated machines;
-`proofs/diagnosis/rule.py` counts how often they are wrong.
+entry of the catalogue is in the set, and if its share or its score is far larger: what is outside
+the catalogue looks in part like one of its causes. The numbers were set on records of simulated
+machines; `proofs/diagnosis/rule.py` counts how often they are wrong.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ SCORE = 100.0  # least score of what is found [nats]
 SHARE = 0.05  # least share of the squares that it removes
 
 NEAR = 0.8  # least score of a member of the set, as a share of the best one
+
+NAMED_SHARE, NAMED_SCORE = 0.9, 500.0  # one of them is reached by what is named
 
 NOISE = 20.0  # scores up to this are noise [nats]
 
@@ -75,8 +78,7 @@ class Explained:
     @property
     def outside(self) -> Hypothesis | None:
         """The free curve that follows what is left, if nothing in the catalogue does."""
-        first = self.sets[-1][:1]
-        return first[0] if first and first[0].name == OUTSIDE else None
+        return next((h for h in self.sets[-1][:1] if h.name == OUTSIDE), None)
 
     @property
     def alternatives(self) -> dict[str, tuple[str, ...]]:
@@ -156,7 +158,8 @@ def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
 
     rest = [led(h) for h in near if h is not first]
     alike = tuple(h.name for h in rest if entry_of(h.name) == entry_of(first.name))
-    certain = len(alike) == len(rest)
+    clear = first.gain.share >= NAMED_SHARE or first.score >= NAMED_SCORE
+    certain = clear and len(alike) == len(rest)
     return [replace(led(first), certain=certain, alike=alike), *rest]
 
 

@@ -244,8 +244,7 @@ def _hypothesis(study: Study, form: Form, fit: Fit, base: Fit) -> Hypothesis | N
     if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
         return None
     score = float(fit.held.sum() - base.held.sum() - fit.cost[0] + base.cost[0])
-    # both are in terms of the recorded signals
-    smaller = smaller_by(study, form, amplitude)
+    smaller = smaller_by(study, form, amplitude)  # both are in terms of the recorded signals
     counts = study.bands.counts[:, study.bands.used]
     score += float(np.sum(counts * trusted(counts) * np.log(smaller)))
     gain = gain_of(study, base.squares[0], fit.squares[0] / smaller**2)
