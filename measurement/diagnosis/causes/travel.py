@@ -58,8 +58,8 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     """Periods per metre to try: those of the screw's turn, and the strongest in the record.
 
     They are those of forces that change sign with the velocity and of forces that do not, because
-    causes of both kinds have to be tried at each. `harmonics` are periods per turn, if the model
-    has the turns per metre, ``p``.
+    causes of both kinds have to be tried at each. If the model has the turns per metre, ``p``, all
+    are multiples of half a turn, and `harmonics` are periods per turn.
     """
     middle, half = middle_and_half(courses)
     low, way = middle - half, 2 * half
@@ -68,6 +68,8 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     rounding = [beats for c in courses if (beats := Beats.of(c)) is not None]
 
     def known(swing: float) -> bool:
+        if turns and abs(swing - 0.5 * turns * max(round(2.0 * swing / turns), 1)) > apart:
+            return False
         return not any(b.have(n * swing, _BESIDE * apart) for b in rounding for n in (1, 2))
 
     turning = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
@@ -132,16 +134,14 @@ def _strongest(power: Vector, known: Mask) -> list[int]:
 def _along_way(course: Course, flips: bool) -> Vector:
     """The unknown force per distance instead of per time, zero at rest, shape (n,)."""
     speed = course.v if flips else np.abs(course.v)
-    whole = float(np.sum(np.abs(speed)))
-    mean = float(course.unknown @ speed) / max(whole, 1e-300)
+    mean = float(course.unknown @ speed) / max(float(np.sum(np.abs(speed))), 1e-300)
     return np.asarray(course.unknown * speed - mean * np.abs(speed))
 
 
 def _power(place: Vector, force: Vector) -> Vector:
     """Power spectrum of a force over position, 0 to 1 in the travel, in fifths of a period."""
     cell = np.minimum((place * _CELLS).astype(int), _CELLS - 1)
-    summed = np.bincount(cell, force, _CELLS)
-    return np.asarray(np.abs(np.fft.rfft(summed, _FINER * _CELLS)) ** 2)
+    return np.asarray(np.abs(np.fft.rfft(np.bincount(cell, force, _CELLS), _FINER * _CELLS)) ** 2)
 
 
 def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
