@@ -92,8 +92,7 @@ def _swings(lives: str, courses: Sequence[Course], time: list[Vector]) -> Form:
 def _splines(lives: str, signal: list[Vector], carrier: list[Vector], count: int) -> Form:
     """Cubic B-splines over a signal, times another signal."""
     low = min(float(s.min()) for s in signal)
-    high = max(float(s.max()) for s in signal)
-    high = max(high, low + 1e-9)
+    high = max(low + 1e-9, *(float(s.max()) for s in signal))
     inner = np.linspace(low, high, count - 2)
     gap = inner[1] - inner[0]
     knots = np.concatenate([low - gap * np.arange(3, 0, -1), inner, high + gap * np.arange(1, 4)])
