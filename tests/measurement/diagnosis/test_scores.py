@@ -148,6 +148,18 @@ def test_the_effect_that_is_there_leads_with_its_size(looked):
     assert scored(catalogue, [first])[0].score < 5.0
 
 
+def test_values_and_a_size_that_is_nearly_sure_cost_what_normal_variables_do(looked):
+    catalogue, _ = looked
+    forms = [f for f in catalogue.forms if f.sure is not None]
+    prior, off = catalogue.study.priors(), []
+    for form, fit in zip(forms, catalogue.fit(forms), strict=True):
+        *own, size = fit.amplitude[0]
+        off.append((size - 1) / form.sure)
+        values = np.sum(prior.precision * (own - prior.mean) ** 2)
+        assert fit.cost[0] == pytest.approx(0.5 * (values + off[-1] ** 2))
+    assert max(np.abs(off)) > 0.1
+
+
 def test_a_gain_is_the_removed_share_with_its_jackknife():
     before, after = np.array([4.0, 5.0, 6.0, 5.0, 4.0]), np.array([1.0, 2.0, 1.0, 2.0, 2.0])
     bands = SimpleNamespace(of_force=np.array([True, False]))

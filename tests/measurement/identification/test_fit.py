@@ -225,6 +225,7 @@ def test_directions_that_differ_are_noticed(mass):
     said: list[str] = []
     result = identify(records, "dahl", progress=said.append)
     assert [text for text in said if ": fit " in text][-1] == "fitting dahl: fit 3 of 3"
+    assert result.time_shift.low < 0.0 < result.time_shift.high
     assert any("directions differ" in note for note in result.notes)
     assert result.per_direction["forwards"]["Fc"].value == pytest.approx(1.9, abs=0.01)
     assert result.per_direction["backwards"]["Fc"].value == pytest.approx(2.1, abs=0.01)
