@@ -84,7 +84,12 @@ def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_cree
 
 @pytest.mark.ci
 def test_what_diverges_before_the_first_hundredth_of_the_run_has_exponents_until_then() -> None:
-    run = loop_lyapunov(Loop("nctf+sampled", stop=20.0, controller_values={"sample_time": 2e-3}))
+    run, shorter = (
+        loop_lyapunov(Loop("nctf+sampled", stop=stop, controller_values={"sample_time": 2e-3}))
+        for stop in (20.0, 0.5)
+    )
+    times = shorter.running()[0]
+    assert times == pytest.approx(0.5 / 400 * np.arange(1, len(times) + 1))
     assert run.motion.kind is Kind.DIVERGES
     assert len(run.running()[0]) > 100
     assert run.exponents[0] > 100.0
