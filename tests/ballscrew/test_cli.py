@@ -176,8 +176,7 @@ def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, c
             bad.writestr(change, "")
     else:
         repacked(fmus["pid"], path, change)
-    out = tmp_path / "out"
-    assert main(["run", "--controller", str(path), "--out", str(out)]) == 2
+    assert main(["run", "--controller", str(path), "--out", str(tmp_path / "out")]) == 2
     heard = capsys.readouterr().err
     assert f"{path}: " in heard
     assert message in heard

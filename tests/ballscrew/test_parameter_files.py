@@ -59,8 +59,7 @@ def test_the_chain_goes_by_files_alone(chain):
     assert "identified from" in identified.plant["Fs"].source
     assert identified.not_identified
     for before, after in itertools.pairwise(chain.files):
-        missing = [n for n in before.plant if n not in after.plant]
-        assert missing == []
+        assert [n for n in before.plant if n not in after.plant] == []
         assert {n: v.unit for n, v in before.plant.items()}.items() <= {
             n: v.unit for n, v in after.plant.items()
         }.items()

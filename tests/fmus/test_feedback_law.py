@@ -44,8 +44,7 @@ def test_reported_gains_and_rate_are_the_derivatives_of_the_reported_command(nam
         )
     step = 1e-7 * model.derivatives(0.0, model.x)
     sides = [model.outputs(0.0, model.x + way * step)["u"] for way in (1, -1)]
-    rate = (sides[0] - sides[1]) / 2e-7
-    assert here["u_rate"] == pytest.approx(rate, rel=1e-5, abs=1e-6)
+    assert here["u_rate"] == pytest.approx((sides[0] - sides[1]) / 2e-7, rel=1e-5, abs=1e-6)
 
 
 def test_an_unconnected_plant_is_an_ordinary_one_and_a_law_acts_as_stated():

@@ -81,8 +81,7 @@ def test_valgrind_finds_no_wrong_memory_no_leak_and_no_allocation_in_steps(
     checked += ["--show-leak-kinds=all", "--errors-for-leak-kinds=all"]
     counts = []
     for steps in (50, 100):
-        given = arguments(native(name), tmp_path, name, steps)
-        heard = run(*checked, host, *given).stderr
+        heard = run(*checked, host, *arguments(native(name), tmp_path, name, steps)).stderr
         counts.append(re.search(r"total heap usage: ([\d,]+) allocs", heard)[1])
     assert counts[0] == counts[1]
 

@@ -74,8 +74,7 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
     params = tmp_path / "screw.toml"
     values = {n: v for n, v in NOMINAL.items() if n != "p"}
     params.write_text("[plant]\n" + "\n".join(f"{n} = {v!r}" for n, v in values.items()))
-    units = {"time": "ms", "i": "mA", "x": "deg"}
-    found = diagnose([path], params, units=units, lead=lead)
+    found = diagnose([path], params, units={"time": "ms", "i": "mA", "x": "deg"}, lead=lead)
     assert found.prior.kind == "drive"
     assert found.command == CURRENT
     assert found.baseline_residual.force == pytest.approx(LOAD, rel=0.1)

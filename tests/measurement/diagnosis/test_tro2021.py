@@ -41,8 +41,7 @@ def test_a_start_and_stop_is_a_record_for_diagnose_too(data):
 
 def test_runs_that_were_not_fitted_lie_in_their_intervals_by_direction(data):
     records, _ = tro2021.read_folder(data / tro2021.STEADY, LEAD)
-    speeds = sorted({abs(tro2021.speed_of(r.name)) for r in records})
-    out = set(speeds[2:-1:3])
+    out = set(sorted({abs(tro2021.speed_of(r.name)) for r in records})[2:-1:3])
     chosen = [r for r in records if abs(tro2021.speed_of(r.name)) not in out]
     new = [r for r in records if abs(tro2021.speed_of(r.name)) in out]
     fit = fit_along(chosen, tro2021.LAW, tied=False)

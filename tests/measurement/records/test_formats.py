@@ -190,8 +190,7 @@ def test_vectors_of_a_mat_file_are_columns_by_their_names(tmp_path, form):
 def test_a_structure_with_time_has_its_labels(tmp_path):
     one = {"values": np.column_stack([X, U]), "dimensions": 2.0, "label": "both"}
     scipy.io.savemat(tmp_path / "a.mat", {"out": {"time": TIME, "signals": one}})
-    units = {"x": "m", "u": "V"}
-    is_given(read(tmp_path / "a.mat", {"both.1": "x", "both.2": "u"}, units))
+    is_given(read(tmp_path / "a.mat", {"both.1": "x", "both.2": "u"}, {"x": "m", "u": "V"}))
 
 
 def test_dspace_units_and_axes_are_taken(tmp_path):

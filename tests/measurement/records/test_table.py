@@ -60,8 +60,7 @@ def test_separators_decimal_commas_and_ends_of_lines_are_found(
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
 def test_names_with_signs_of_any_encoding_are_read(tmp_path, encoding):
-    path = write(tmp_path, "Zeit;Größe;Weg (µm)\n" + body(";", ","), encoding)
-    table = read_table(path)
+    table = read_table(write(tmp_path, "Zeit;Größe;Weg (µm)\n" + body(";", ","), encoding))
     assert list(table.columns) == ["Zeit", "Größe", "Weg"]
     assert table.units == {"Weg": "µm"}
 
@@ -210,8 +209,7 @@ def test_tables_of_one_name_are_numbered_and_which_one_is_meant_is_asked(tmp_pat
 def test_a_force_that_jumps_as_a_counter_does_is_no_counter():
     jumps = np.r_[0.0, 30_000.0, 60_000.0, 24_464.0, 54_464.0]
     table = Table(Path("a.csv"), {"force": jumps, "x": jumps}, {"x": "mm", "force": "mN"})
-    quantities = {"force": ["force"], "x": ["length"]}
-    signals, measured, notes = in_si(table, {}, quantities, None)
+    signals, measured, notes = in_si(table, {}, {"force": ["force"], "x": ["length"]}, None)
     np.testing.assert_allclose(signals["force"], 1e-3 * jumps)
     np.testing.assert_allclose(signals["x"], [0.0, 30.0, 60.0, 90.0, 120.0])
     assert (measured, len(notes)) == ({"force": "force", "x": "length"}, 1)

@@ -63,8 +63,7 @@ def test_the_load_cell_gives_whole_steps_of_89_millinewtons_within_44_5_newtons(
     found = read(generate(load_cell()), force=force, noise=np.zeros_like(force))
     steps = found / 0.089
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    within = np.abs(force) < 44.5
-    assert np.abs(found - force)[within].max() <= 0.0445 * (1 + 1e-9)
+    assert np.abs(found - force)[np.abs(force) < 44.5].max() <= 0.0445 * (1 + 1e-9)
     assert found.max() == 44.5
     assert found.min() == -44.5
     assert len(np.unique(np.round(steps))) == 1001
@@ -99,8 +98,7 @@ def test_the_filter_loses_three_decibels_at_its_cutoff_and_none_at_rest(cutoff):
     assert read(kernel, signal=np.ones(2000))[-1] == pytest.approx(1, rel=1e-12)
     wave = np.exp(2j * math.pi * cutoff * t)
     parts = [read(kernel, signal=part) for part in (wave.real, wave.imag)]
-    late = np.abs(parts[0] + 1j * parts[1])[2000:]
-    np.testing.assert_allclose(late, 0.5**0.5, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(parts[0] + 1j * parts[1])[2000:], 0.5**0.5, rtol=1e-9)
 
 
 def plates(x):
@@ -130,8 +128,7 @@ def test_the_capacitance_sensor_lags_by_what_is_stated():
     _, displacement = plates(x)
     cycles = (x - displacement)[10 * CONVERSION_SAMPLES + 0 : 30 * CONVERSION_SAMPLES]
     assert cycles.mean() / speed == pytest.approx((CONVERSION_SAMPLES - 1) * SAMPLE_TIME, rel=1e-3)
-    changes = np.flatnonzero(np.diff(displacement))
-    assert set(np.diff(changes)) == {CONVERSION_SAMPLES}
+    assert set(np.diff(np.flatnonzero(np.diff(displacement)))) == {CONVERSION_SAMPLES}
 
 
 # the encoder
