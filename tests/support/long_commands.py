@@ -46,8 +46,7 @@ def write_data(folder: Path) -> None:
     t = np.arange(0.0, 20.0, 2e-3)
     x = 0.02 * np.sin(0.7 * t) + 0.01 * np.sin(2.3 * t)
     v = np.gradient(x, t)
-    u = 3.0 * np.sign(v) + 40.0 * v
-    table = np.column_stack([t, u, x])
+    table = np.column_stack([t, 3.0 * np.sign(v) + 40.0 * v, x])
     np.savetxt(folder / "axis.csv", table, delimiter=",", header="time,u,x", comments="")
 
 

@@ -43,8 +43,7 @@ FOREIGN += ("--unit", "x=mm", "--unit", "time=s", "--unit", "force=N")
 
 @pytest.mark.usefixtures("drawn")
 def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, capsys):
-    code = run(*data, "--law", "dahl", "--out", str(tmp_path), *FOREIGN)
-    assert code == 0
+    assert run(*data, "--law", "dahl", "--out", str(tmp_path), *FOREIGN) == 0
     printed = capsys.readouterr().out
     assert "sigma" in printed
     assert "N/m" in printed
@@ -72,8 +71,7 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
 @pytest.mark.ci
 def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, capsys):
     """Dahl's friction cannot tell LuGre's sigma1; that is said, with its reason."""
-    code = run(*data, "--law", "lugre", "--out", str(tmp_path), *FOREIGN)
-    assert code == 1
+    assert run(*data, "--law", "lugre", "--out", str(tmp_path), *FOREIGN) == 1
     assert "sigma1 cannot be identified from these trials, because" in capsys.readouterr().err
     file = read_parameters(tmp_path / "parameters.toml")
     assert file.not_identified["sigma1"]

@@ -153,8 +153,7 @@ def test_trials_have_the_size_of_the_machine(files):
 )
 def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, travel, speed):
     given = {"plant.voltage_limit": limit, "trial.travel": travel}
-    machine = Machine("lugre", given, files["linear"])
-    assert machine.sizes["speed"] == pytest.approx(speed)
+    assert Machine("lugre", given, files["linear"]).sizes["speed"] == pytest.approx(speed)
     found = run_trial("viscous/51", "lugre", given, file=files["linear"])
     assert np.mean(found.truth["v"][-20:]) == pytest.approx(speed, rel=0.02)
     assert np.abs(found.record["u"][-100:]).max() < limit
