@@ -31,7 +31,7 @@ from .fmi_versions import ERROR, OK, STATE, STEP
 from .fmu_instance import ENTRY_POINTS, MOVE, AnyFmu, FmuInstance, Instance, Stepped
 from .group import Group
 
-USES = 2  # uses of saved states
+USES = 3  # of saved states, as in ``c/controller.c``
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 Why = IntEnum("Why", "GOES_ON STEP_FAILED DIVERGES", start=0)
 """Why a march has ended; in the order of ``c/master.c``."""
@@ -151,7 +151,7 @@ class Bound:
     def __init__(
         self, instance: Instance, inputs: Sequence[str], outputs: Sequence[str], calls: Struct
     ) -> None:
-        self._calls, self._ports, self._guarded = calls, (list(inputs), list(outputs)), Guarded()
+        self.calls, self._ports, self._guarded = calls, (list(inputs), list(outputs)), Guarded()
         given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
         places: list[Sequence[int]] = [[0] * len(inputs), [0] * len(outputs)]
         self._error: Callable[[], BaseException | None]
@@ -176,10 +176,10 @@ class Bound:
 
     def failure(self) -> BaseException | None:
         """The error of the last failed call, as raised by the FMU instance."""
-        return self._error() if self._calls.record.status > OK else None
+        return self._error() if self.calls.record.status > OK else None
 
     def _error_of(self, fmu: FmuInstance) -> BaseException:
-        status, call = int(self._calls.record.status), int(self._calls.record.failed)
+        status, call = int(self.calls.record.status), int(self.calls.record.failed)
         return fmu.failure(status, call, self._ports[call] if call < MOVE else ())
 
 

@@ -252,8 +252,7 @@ class Group(Instance):
             """What a sweep from these values of the ring changes in them."""
             self.values[ring] = values
             self._sweep()
-            change: Vector = self.values[ring] - values
-            return change
+            return np.asarray(self.values[ring] - values)
 
         def settled(change: Vector) -> bool:
             after = self.values[ring]
@@ -308,8 +307,7 @@ class Group(Instance):
             if self.flags[STALE]:
                 self._settle() if self._initializing else self._sweep()
                 self.flags[STALE] = False
-            values: Vector = self.values[at]
-            return values
+            return np.asarray(self.values[at])
 
         return read
 

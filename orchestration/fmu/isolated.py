@@ -29,16 +29,7 @@ from ...fmus.reading import Description, UnpackedFmu
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
 from .compiled import WAITS, Bound, Calls, Guarded, Struct, address_of, call, library, struct
-from .fmu_instance import (
-    ENTRY_POINTS,
-    SHORTER,
-    AnyFmu,
-    FmuInstance,
-    Reader,
-    StepFailed,
-    Value,
-    Writer,
-)
+from .fmu_instance import ENTRY_POINTS, SHORTER, AnyFmu, FmuInstance, Reader, StepFailed, Writer
 from .limits import TIME_LIMIT
 from .operating_system import end_host, how_ended, line_of, start_host
 
@@ -65,8 +56,9 @@ class IsolatedInstance(AnyFmu):
         self._dead, self._printed = "", bytearray()
         folder = self._fmu.folder
         self._socket, self._process = start_host(__name__, folder)
-        held = self._process, self._socket, self._process.stdin
-        self._end = weakref.finalize(self, end_host, *held)
+        self._end = weakref.finalize(
+            self, end_host, self._process, self._socket, self._process.stdin
+        )
         streams = self._process.stdout, self._printed
         self._listener = threading.Thread(target=_keep_end, args=streams, daemon=True)
         self._listener.start()
@@ -82,7 +74,7 @@ class IsolatedInstance(AnyFmu):
                 raise FmuError(f"{self.path}: cannot be instantiated: {error}") from error
             raise FmuError(f"{error}{self._last_output()}") from error
 
-    def enter(self, values: Mapping[str, Value], stop: float) -> None:
+    def enter(self, values: Mapping[str, float | str], stop: float) -> None:
         self._ask("do", "enter", dict(values), stop)
 
     def leave_initialization(self) -> None:
@@ -264,7 +256,7 @@ class _Host:
     def __init__(self, connection: socket.socket) -> None:
         self.served = struct("Served")
         self.served.set(socket=connection.fileno())
-        self.bound: list[tuple[Bound, Struct]] = []
+        self.bound: list[Bound] = []
 
     def answer(self, line: bytes) -> tuple[int, Any]:
         """Do a call; return a status and its result."""
@@ -290,12 +282,10 @@ class _Host:
 
     def bind(self, inputs: list[str], outputs: list[str]) -> None:
         """Give these ports the next number."""
-        record = struct("Calls")
-        self.bound.append((Bound(self._fmu, inputs, outputs, record), record))
-        addresses = [calls.address for _, calls in self.bound]
+        self.bound.append(Bound(self._fmu, inputs, outputs, struct("Calls")))
+        addresses = [b.calls.address for b in self.bound]
         self.served.set(calls=np.array(addresses, dtype=np.intp))
 
     def fail(self) -> None:
         """Raise the error of the last call of compiled code."""
-        error = self.bound[self.served.record.asked][0].failure()
-        raise error or RuntimeError("an FMU failed without an error")
+        raise self.bound[self.served.record.asked].failure() or RuntimeError("no call has failed")

@@ -65,12 +65,12 @@ class ControllerSide:
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law, *wiring.others]
         self.bound = Bound(instance, inputs, outputs, self._side.part("calls"))
-        self._side.set(m=self.m, n=self.n, others=len(wiring.others), group=wiring.network)
-        self._side.set(reports=wiring.reports_law, saves=instance.can_save)
-        self._side.set(varies=getattr(instance, "steps_vary", True))
-        self._side.set(nominal=np.array([instance.nominal(s) for _, s in wiring.signals]))
-        self._side.set(real=np.array([float(instance.is_real(name)) for name in inputs]))
-        self._side.set(ahead=np.zeros(self.m), answered=np.zeros(self.m), moved=np.zeros(self.n))
+        side.set(m=self.m, n=self.n, others=len(wiring.others), group=wiring.network)
+        side.set(reports=wiring.reports_law, saves=instance.can_save)
+        side.set(varies=getattr(instance, "steps_vary", True), tried=np.zeros(2 + len(inputs)))
+        side.set(nominal=np.array([instance.nominal(s) for _, s in wiring.signals]))
+        side.set(real=np.array([float(instance.is_real(name)) for name in inputs]))
+        side.set(ahead=np.zeros(self.m), answered=np.zeros(self.m), moved=np.zeros(self.n))
         self.answer = Answer.DIRECT
         if instance.sample_time > 0:
             self.answer = Answer.SAMPLED
@@ -129,7 +129,6 @@ class CoupledPair:
         outputs = len(self.outputs)
         rooms = {"start end mean": n, "residual command first": m, "ring": m * (m + 2)}
         rooms |= {"effect reached": outputs, "following law applied": m * (2 + n)}
-        rooms |= {"goal": len(reference)}
         made = {name: np.zeros(k) for names, k in rooms.items() for name in names.split()}
         self._room = np.empty((CHUNK, outputs + len(self.other_names)))
         self._guarded, own = Guarded(), 0
@@ -144,7 +143,7 @@ class CoupledPair:
         self.whole.set(takes_law=wiring.accepts_law, corrected=corrected, averaged=averaged)
         self.whole.set(follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0)
         self.whole.set(commands=np.array([plant.nominal(u) for _, u in wiring.commands]))
-        self.whole.set(signals=np.array(at, dtype=np.int64))
+        self.whole.set(signals=np.array(at, dtype=np.int64), goal=np.zeros(len(reference)))
         self.rows: list[Matrix] = []
 
     def begin(self) -> None:

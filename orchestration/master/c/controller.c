@@ -10,7 +10,7 @@
 #endif
 
 enum { DIRECT, STEPPED, SAMPLED };       /* when commands respond, see `coupling.Answer` */
-enum { CORRECTION, PROBE };       /* uses of saved states */
+enum { CORRECTION, PROBE, AHEAD, USES };       /* uses of saved states */
 
 #define PROBE_PARTS 64
 
@@ -22,8 +22,16 @@ typedef struct {
     Vector nominal, real;   /* of the signals; whether each signal and reference is Real */
     Vector ahead;           /* commands after a step that cannot be taken back */
     int64_t is_ahead;       /* whether it has done such a step */
+    Vector tried;           /* time, length and inputs of the step whose end is saved as AHEAD */
     Vector moved, answered; /* room for n signals and m commands */
 } Controller;
+
+static int differ(const double *a, const double *b, int64_t count)
+{
+    while (count > 0 && a[count - 1] == b[count - 1])
+        count--;
+    return count > 0;
+}
 
 API int master_set_inputs(Controller *c, const double *signals, const double *reference)
 {
@@ -46,15 +54,14 @@ API int master_command_at(Controller *c, const double *signals, const double *re
     return master_set_inputs(c, signals, reference) && master_read_commands(c, commands);
 }
 
-/* The commands at these signals, at once or after a step from the state saved for probing. */
+/* The commands at these signals, at once or after a step. */
 static int answer_at(Controller *c, double t, double h, const double *signals,
                      const double *reference, double *commands)
 {
     TRY(master_set_inputs(c, signals, reference));
     if (c->answer != DIRECT && !at_end(&c->calls, t))
         TRY(move(&c->calls, t, h));
-    TRY(master_read_commands(c, commands));
-    return c->answer == DIRECT || restore(&c->calls, PROBE);
+    return master_read_commands(c, commands);
 }
 
 /* Derivatives of the commands by the signals, by differences from the law's commands. */
@@ -68,6 +75,7 @@ API int master_probe_gains(Controller *c, double t, double h, const double *sign
             continue;
         moved[j] += 1e-7 * fmax(fabs(signals[j]), 1e-3 * c->nominal.at[j]);
         TRY(answer_at(c, t, h, moved, reference, commands));
+        TRY(c->answer == DIRECT || restore(&c->calls, PROBE));
         for (int64_t k = 0; k < c->m; k++)
             law[c->m + k * c->n + j] = (commands[k] - law[k]) / (moved[j] - signals[j]);
         moved[j] = signals[j];
@@ -75,7 +83,7 @@ API int master_probe_gains(Controller *c, double t, double h, const double *sign
     return 1;
 }
 
-/* Move the controller from t to t + h with these signals held. */
+/* Move the controller from t to t + h with these signals held, if it has not tried just that. */
 API int master_advance(Controller *c, double t, double h, const double *signals,
                        const double *reference)
 {
@@ -83,7 +91,12 @@ API int master_advance(Controller *c, double t, double h, const double *signals,
         c->is_ahead = 0;
         return 1;
     }
-    return master_set_inputs(c, signals, reference) && move(&c->calls, t, h);
+    TRY(master_set_inputs(c, signals, reference));
+    const double *const tried = c->tried.at; /* its length is 0 if there is none */
+    const int same = tried[0] == t && tried[1] == h;
+    if (same && !differ(tried + 2, c->calls.given.at, c->calls.given.size))
+        return restore(&c->calls, AHEAD);
+    return move(&c->calls, t, h);
 }
 
 /* The law of a controller that answers in its step. */
@@ -98,6 +111,10 @@ static int stepped_law(Controller *c, double t, double h, const double *signals,
         return 1;
     }
     TRY(save(&c->calls, PROBE) && answer_at(c, t, h, signals, reference, law));
+    release(&c->calls, AHEAD);
+    TRY(save(&c->calls, AHEAD) && restore(&c->calls, PROBE));
+    copy((double[]){t, at_end(&c->calls, t) ? 0.0 : h}, c->tried.at, 2);
+    copy(c->calls.given.at, c->tried.at + 2, c->calls.given.size);
     if (probe && c->answer == STEPPED)
         TRY(master_probe_gains(c, t, h, signals, reference, law));
     release(&c->calls, PROBE);

@@ -166,14 +166,6 @@ static int settle_row(Loop *l, double t, double h, const double *reference, int 
     return give_law(l, l->law.at, l->start.at) && take_all(&l->plant, l->outputs.at);
 }
 
-static int differ(const double *a, const double *b, int64_t count)
-{
-    int64_t same = 0;
-    while (same < count && a[same] == b[same])
-        same++;
-    return same < count;
-}
-
 /* The law at the start of a step; its rates include the change of the set-points. */
 static int law_of_step(Loop *l, double t, double h, const double *before, const double *after)
 {

@@ -75,11 +75,7 @@ static int step_along(Loop *l, Course *course, const Clock *clock)
     const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
     begin_step_at(l, course, t, clock->close);
     set_points(course, end, end - clock->close, course->after.at);
-    if (step(l, t, h, course->before.at + 1, course->after.at + 1))
-        return 1;
-    release_both(&l->plant, &l->controller.calls, CORRECTION);
-    release_both(&l->plant, &l->controller.calls, PROBE);
-    return 0;
+    return step(l, t, h, course->before.at + 1, course->after.at + 1);
 }
 
 static int record_outputs(Loop *l, const double *reference)
@@ -110,11 +106,8 @@ static int end_step(Loop *l, Course *course, const Clock *clock, double followin
     begin_step_at(l, course, t, clock->close);
     /* if no commands are kept, a step of another length may follow */
     const int asks = run && course->commands.size && !clock->broken;
-    if ((!asks || master_command_now(l, t, following, goal, last, commands)) &&
-        settle_row(l, t, following, goal, last) && (clock->broken || record_outputs(l, goal)))
-        return 1;
-    release_both(&l->plant, &l->controller.calls, PROBE);
-    return 0;
+    return (!asks || master_command_now(l, t, following, goal, last, commands)) &&
+           settle_row(l, t, following, goal, last) && (clock->broken || record_outputs(l, goal));
 }
 
 /* Add a step to the measurements; contraction counts by its effect over the outputs' ranges. */
@@ -137,17 +130,27 @@ static void measure(const Loop *run, const Loop *corrected, Course *course, doub
     }
 }
 
+/* Forget all saved states. */
+static void forget(Loop *l)
+{
+    for (int use = 0; use < USES; use++)
+        release_both(&l->plant, &l->controller.calls, use);
+    l->controller.tried.at[1] = 0.0;
+}
+
 /* Move a run, and a co-run that corrects its steps if there is one, by up to `most` steps, recorded
  * from row 0 on; return GOES_ON, or why the run ended. Steps that end at breaks are not recorded. */
 API int master_march(Loop *run, Loop *co_run, Clock *clock, Course *course, int64_t most)
 {
+    int why = GOES_ON;
     run->rows = 0;
     if (co_run)
         co_run->rows = 0;
-    while (!clock_done(clock) && run->rows < most) {
+    while (why == GOES_ON && !clock_done(clock) && run->rows < most) {
         const double h = clock_step_to_come(clock);
+        why = STEP_FAILED;
         if (!step_along(run, course, clock))
-            return STEP_FAILED;
+            break;
         if (co_run && isnan(co_run->failed) && !step_along(co_run, course, clock))
             co_run->failed = clock_now(clock);
         Loop *const corrected = co_run && isnan(co_run->failed) ? co_run : run;
@@ -155,17 +158,20 @@ API int master_march(Loop *run, Loop *co_run, Clock *clock, Course *course, int6
         measure(run, corrected, course, h);
         const double following = clock_done(clock) ? h : clock_step_to_come(clock);
         if (!end_step(run, course, clock, following, 1))
-            return STEP_FAILED;
+            break;
+        why = GOES_ON;
         if (corrected != run && !end_step(corrected, course, clock, following, 0))
             co_run->failed = clock_now(clock);
         if (clock->broken)
             continue;
         course->times.at[run->rows - 1] = clock_now(clock);
         course->references.at[run->rows - 1] = course->before.at[0];
-        if (!within(run->outputs.at, &course->bounds))
-            return DIVERGES;
+        why = within(run->outputs.at, &course->bounds) ? GOES_ON : DIVERGES;
     }
-    return GOES_ON;
+    forget(run);
+    if (co_run)
+        forget(co_run);
+    return why;
 }
 
 /* The size of the records, which `compiled.py` reads from these sources. */

@@ -223,8 +223,7 @@ static int remote_answer(Served *s)
     int64_t count = 0;
     int done = 1;
     TRY(remote_receive((Socket)s->socket, NULL, room, s->room.size) && room[0] <= s->room.size);
-    const int64_t length = (int64_t)room[0];
-    for (int64_t at = 1; done && at < length; at += CALL + (room[at] == REMOTE_GET ? 0 : count)) {
+    for (int64_t at = 1; done && (double)at < room[0]; at += CALL + (room[at] == REMOTE_GET ? 0 : count)) {
         s->asked = (int64_t)room[at + 1];
         c = s->calls.at[s->asked];
         count = (int64_t)room[at + 2];
