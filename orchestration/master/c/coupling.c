@@ -31,7 +31,7 @@ typedef struct {
     /* outputs of the plant and others of the controller at the end of each step */
     Vector recorded;
     int64_t rows;
-    double failed;    /* time of the step in which a co-run failed [s], else NaN */
+    double failed, until; /* time of the step in which a co-run failed, else NaN; end of a step [s] */
     int64_t unsolved; /* communication points at which an algebraic loop found no solution */
 } Loop;
 
@@ -188,7 +188,7 @@ static int move_stepped(Loop *l, double t, double h, const double *before, const
     copy(l->late.at, l->command.at, c->m);
     if (c->answer != STEPPED || !c->saves || !c->m)
         return 1;
-    TRY(master_law_at(c, t + h, h, l->end.at, after, 0, l->following.at));
+    TRY(master_law_at(c, l->until, h, l->end.at, after, 0, l->following.at));
     copy(l->following.at, l->command.at, c->m);
     if (!l->tangent) /* the next step begins with it, so that it is not probed again */
         l->following_step = h;

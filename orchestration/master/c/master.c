@@ -72,10 +72,10 @@ static void begin_step_at(Loop *l, Course *course, double t, double close)
 /* Move a loop over the next step of the clock. */
 static int step_along(Loop *l, Course *course, const Clock *clock)
 {
-    const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
+    const double t = clock_now(clock), end = l->until = next_time(clock);
     begin_step_at(l, course, t, clock->close);
     set_points(course, end, end - clock->close, course->after.at);
-    return step(l, t, h, course->before.at + 1, course->after.at + 1);
+    return step(l, t, clock_step_to_come(clock), course->before.at + 1, course->after.at + 1);
 }
 
 static int record_outputs(Loop *l, const double *reference)
