@@ -162,5 +162,4 @@ def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
         only = f"its FMUs take steps of {step:g} s only"
         advice = f"{only}: export them with a shorter step, or with variable steps"
         run = replace(run, verdict=replace(verdict, advice=advice, step_helps=False))
-    tried = ((step, verdict.word),)
-    return run, StepChoice(step, "the only one that its FMUs accept", tried)
+    return run, StepChoice(step, "the only one that its FMUs accept", ((step, verdict.word),))

@@ -4,8 +4,8 @@ The *rungs* of a run with step H are runs with 4 H, 2 H, H, H/2 and H/4; `master
 are needed. They are corrected if states can be saved, even if the run is not. If a halving of the
 step moves the outputs by a share q < 0.7 of what the halving before moved them, all halvings to
 come move them by at most q / (1 - q) of the last move together. This, and the difference of the run
-from the finest rung, is the estimated error of the run. If the finest rung has a quarter of the
-step, what is to come is taken to be twice the last move, which also holds for moves without a rule.
+from the finest rung, is its estimated error. If the finest rung has a quarter of the step, what is
+to come is twice the last move, also for moves without a rule; more, if all three q are above 0.7.
 
 The verdict follows from these numbers only, not from the parts or the coupling.
 """
@@ -102,7 +102,9 @@ def verdict_of(
     scale, finest = scales(run.outputs), rungs[-1]
     moved = moves(rungs, scale)
     factor = factor_of(*moved[:-3:-1]) if len(moved) > 1 else 1.0
-    factor = AT_A_QUARTER if finest.step < 0.3 * run.step else factor
+    if finest.step < 0.3 * run.step:
+        slow = min(b / (a or np.inf) for a, b in pairwise(moved)) if len(moved) > 3 else 0.0
+        factor = slow / (1.0 - slow) if CONVERGES < slow < 1.0 else AT_A_QUARTER
     by = f"by runs with steps down to {finest.step:g} s"
     left = first.contraction if np.isfinite(first.contraction) else 0.0
     if otherwise:  # what a correction leaves comes on top
@@ -114,8 +116,7 @@ def verdict_of(
     share = error / scale
     worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
     size, part = f"{error[worst]:.3g}", f"{100 * share[worst]:.3g} % of its range"
-    estimate = dict(zip(names, error.tolist(), strict=True))
-    found = replace(first, trusted=False, error_estimate=estimate)
+    found = replace(first, error_estimate=dict(zip(names, error.tolist(), strict=True)))
     if share[worst] <= ACCURACY and converges:
         reason = f"the coupling moved no output by more than {part} ({names[worst]}: {size}), {by}"
         return replace(found, trusted=True, reason=reason, advice="")
