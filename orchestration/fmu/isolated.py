@@ -161,6 +161,7 @@ class IsolatedInstance(AnyFmu):
         self._ask("bind", list(inputs), list(outputs))
         remote, number = struct("Remote"), len(self._remotes)
         remote.set(line=self._line, number=number, read_at=-1, known=np.zeros(len(outputs)))
+        remote.set(set_at=-1, given=np.zeros(len(inputs)))
         self._remotes.append(remote)
         return number
 

@@ -139,10 +139,9 @@ class ClosedLoopResult:
     def figures(self) -> dict[str, Any]:
         """Content of ``metrics.json``."""
         run, verdict, choice = self.run, self.run.verdict, self.step_choice
-        has_axis = "x" in run.outputs and "u" in run.commands
         return {
             "controller": self.loop.label,
-            **(metrics(run) if has_axis else {}),
+            **(metrics(run) if "x" in run.outputs and "u" in run.commands else {}),
             "coupling_residual_max": max(run.residual_max.values(), default=0.0),
             "coupling_residual_effect_per_second": run.effect_rate_max,
             "error_estimate": verdict.error_estimate,

@@ -162,8 +162,7 @@ def _coarse_notes(run: LoopRun, reference: Reference) -> Iterator[str]:
     inside = factor * reference.on(within.ravel(), 0).reshape(within.shape) + offset
     above = inside - np.maximum(goal[:-1], goal[1:])
     below = np.minimum(goal[:-1], goal[1:]) - inside
-    of_parabola = np.abs(np.diff(x, 2)).max() / 8
-    most = max(above.max(), below.max(), of_parabola)
+    most = max(above.max(), below.max(), np.abs(np.diff(x, 2)).max() / 8)  # the last: a parabola
     if most > COARSE * np.abs(goal - x).max():
         yield (
             f"steps of {np.diff(time).max():g} s are coarse for the figures, which count "

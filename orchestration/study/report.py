@@ -45,8 +45,7 @@ def _answers(study: StudyResult) -> Table:
         failed = ", ".join(f"{n}: {count}" for n, count in a.failed.items() if count)
         best = "-"
         if a.order:
-            error = study.mean(JUDGED_BY, a.order[0], a.duty).mean
-            best = f"{a.order[0]} ({length(error)} rms)"
+            best = f"{a.order[0]} ({length(study.mean(JUDGED_BY, a.order[0], a.duty).mean)} rms)"
         others = (", ".join(a.best[1:]) or "-", ", ".join(a.unclear) or "-", failed or "none")
         rows.append((a.duty, best, *others))
     plan = study.plan
@@ -153,8 +152,7 @@ def effort_figure(study: StudyResult) -> Any:
     duties = list(study.differences)
     columns = min(3, len(duties))
     rows = -(-len(duties) // columns)
-    size = 4.2 * columns, 3.4 * rows + 0.8
-    with styled_figure(rows, columns, size) as (figure, axes):
+    with styled_figure(rows, columns, (4.2 * columns, 3.4 * rows + 0.8)) as (figure, axes):
         for panel in axes.flat[len(duties) :]:
             panel.set_axis_off()
         for panel, duty in zip(axes.flat, duties, strict=False):
@@ -184,8 +182,7 @@ def motions_figure(tuned: TunedController) -> Any:
             course = motion.course
             shown = len(course.position)  # none of a run that failed
             time, goal = course.time[:shown], course.reference[:shown]
-            words = "tuned on" if motion.duty.tune else "not tuned on"
-            position.set_title(f"{motion.duty.name}, {words}")
+            position.set_title(f"{motion.duty.name}, {'' if motion.duty.tune else 'not '}tuned on")
             position.plot(time, 1e3 * goal, color=COLOURS[1], ls=DASHES[1], label="set-point")
             position.plot(time, 1e3 * course.position, color=COLOURS[0], label="position")
             error.plot(time, 1e6 * (goal - course.position), color=COLOURS[0])
