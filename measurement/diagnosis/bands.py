@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads scipy.signal where it is used first, a third of a second
 from scipy.fft import rfft
-from scipy.signal.windows import tukey
 
 from ...solver.arrays import Mask, Matrix, Vector
 from ..records.examine import carried
@@ -127,7 +127,7 @@ def cut(courses: Sequence[Course], model: Drive) -> Bands:
         moves = moving(c, model)
         doubt = _doubt(c, model, exact, moves)
         for first, last in itertools.pairwise(ends):
-            taper = tukey(last - first, TAPER) * moves[first:last]
+            taper = scipy.signal.windows.tukey(last - first, TAPER) * moves[first:last]
             weights = np.column_stack([taper * doubt[first:last], *[taper] * c.has_current])
             step, own = c.width * c.step, slice(first, last)
             blocks.append(Block(r, own, slice(*next(samples)), weights, step))

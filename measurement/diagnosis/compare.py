@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
 from ...orchestration.loop.shown import length
@@ -341,7 +341,7 @@ class Blocks:
         self._drawn = ((first[:, :, None] + np.arange(together)) % blocks).reshape(_DRAWS, -1)
         independent = blocks / together
         free = max(independent - 1.0, 1.0)
-        self._wider = float(student.ppf(0.975, free)) / _NORMAL * math.sqrt(independent / free)
+        self._wider = float(stdtrit(free, 0.975)) / _NORMAL * math.sqrt(independent / free)
 
     def rms(self, values: Vector, counted: Mask | bool = True) -> Estimate:
         """Root mean square of values, shape (n,), over the counted samples."""

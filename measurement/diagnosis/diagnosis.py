@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...orchestration.loop.parameter_file import TURNS
 from ...solver.arrays import Mask, Vector
@@ -293,7 +293,7 @@ def _finding(held: HeldOut, h: Hypothesis) -> Finding:
 
 def _values(study: Study, h: Hypothesis) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """Values and their 95 % intervals, computed by leaving out one block at a time."""
-    wide = float(student.ppf(0.975, len(study.bands.blocks) - 1))
+    wide = float(stdtrit(len(study.bands.blocks) - 1, 0.975))
     form, values, intervals = h.form, {}, {}
     if form.sure is not None:
         off = abs(math.log(max(float(h.amplitude[0]), 0.1)))

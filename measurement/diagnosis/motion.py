@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads scipy.signal where it is used first, a third of a second
 from scipy.ndimage import binary_opening, maximum_filter1d, minimum_filter1d, uniform_filter1d
-from scipy.signal import lfilter, savgol_filter
 
 from ...solver.arrays import Mask, Vector
 from ..records.examine import carried
@@ -136,7 +136,7 @@ class Course:
         mean = (1.0 - kept) / self.answers
         back = kept - (1.0 - kept) * mean / (1.0 - mean)
         moved, gain = self.moved_v, (1.0 - kept) / (1.0 - mean)
-        end, _ = lfilter([gain], [1.0, -back], moved, zi=[back * moved[0]])
+        end, _ = scipy.signal.lfilter([gain], [1.0, -back], moved, zi=[back * moved[0]])
         change = np.diff(end, prepend=moved[0]) / self.step
         return np.asarray(averaged(change, self.width) - self.measured_a)
 
@@ -272,7 +272,8 @@ def jumps_of(courses: Sequence[Course]) -> Iterator[str]:
 def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:
     """Smoothed position and velocity from noisy positions."""
     window = min(4 * width + 1, len(x) // 2 * 2 - 1)
-    return savgol_filter(x, window, 3), savgol_filter(x, window, 3, deriv=1, delta=step)
+    smooth = scipy.signal.savgol_filter
+    return smooth(x, window, 3), smooth(x, window, 3, deriv=1, delta=step)
 
 
 def shaken(course: Course, random: np.random.Generator) -> Course:
@@ -307,12 +308,12 @@ def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Dri
     """Variance of the law's force due to noise and smoothing of the motion, (windows,) [N^2]."""
     random = np.random.default_rng(0)
     window = min(8 * width + 1, len(x) // 2 * 2 - 1)
-    smoother = savgol_filter(record.x, window, 3)
-    blur = np.hypot(position_noise(record) / math.sqrt(width), smoother - x)
+    smooth = scipy.signal.savgol_filter
+    blur = np.hypot(position_noise(record) / math.sqrt(width), smooth(record.x, window, 3) - x)
     known = averaged(model.friction(x, v, record.step), width)
     total = np.zeros(len(known))
     for _ in range(_SHAKES):
-        shake = savgol_filter(random.standard_normal(len(x)), window, 3) * math.sqrt(width) * blur
+        shake = smooth(random.standard_normal(len(x)), window, 3) * math.sqrt(width) * blur
         faster = v + np.gradient(shake, record.step)
         total += (averaged(model.friction(x + shake, faster, record.step), width) - known) ** 2
     # rounding in the running sums can give values below zero

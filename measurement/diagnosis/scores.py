@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...solver.arrays import Matrix, Vector
 from .balance import moving, responses
@@ -224,7 +224,7 @@ def _gain(before: Vector, after: Vector) -> Gain:
     whole, left = max(float(before.sum()), 1e-300), float(after.sum())
     each = (left - after) / np.maximum(whole - before, 1e-100)
     error = math.sqrt((n - 1) / n * float(np.sum((each - each.mean()) ** 2)))
-    share, reach = 1.0 - left / whole, float(student.ppf(0.95, n - 1)) * error
+    share, reach = 1.0 - left / whole, float(stdtrit(n - 1, 0.95)) * error
     return Gain(share, (share - reach, share + reach))
 
 

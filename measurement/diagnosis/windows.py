@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
+import scipy  # loads scipy.signal where it is used first, a third of a second
 
 from ...solver.arrays import Matrix, Vector
 
@@ -89,11 +89,10 @@ def lagged(command: Matrix, time_constant: float, step: float) -> Matrix:
     if time_constant <= 0.0:
         return command
     kept = math.exp(-step / time_constant)
-    late = _late_share(step, time_constant)
     start = command[:1]  # steady state
-    before, _ = lfilter([1.0 - kept], [1.0, -kept], command, axis=0, zi=kept * start)
+    before, _ = scipy.signal.lfilter([1.0 - kept], [1.0, -kept], command, axis=0, zi=kept * start)
     state = np.concatenate([start, before[:-1]])
-    return np.asarray(command + late * (state - command))
+    return np.asarray(command + _late_share(step, time_constant) * (state - command))
 
 
 def between_samples(

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
+import scipy  # loads scipy.signal where it is used first, a third of a second
 from scipy.ndimage import median_filter
-from scipy.signal import welch
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
@@ -72,7 +72,7 @@ def carried(record: Record) -> float:
     Without a filter, it is half the sampling rate.
     """
     bent = np.diff(record.x, 2)
-    frequency, power = welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
+    frequency, power = scipy.signal.welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
     level = np.log10(median_filter(power[1:], 9) + 1e-300)
     octave = len(level) // 2
     for k in range(len(level) // 16, octave):
