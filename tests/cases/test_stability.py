@@ -102,7 +102,6 @@ def test_what_rests_does_not_creep_and_its_limits_are_those_of_the_side_it_comes
     given = {"plant_values": DRIVE | {"Fs": fs}, "controller_values": own | {"Ki": ki}}
     motion = loop_lyapunov(replace(loop, **given)).motion
     assert motion.kind is Kind.LINE, motion.evidence
-    resolved = np.flatnonzero(np.abs(v) > 1e-10)[-1]
-    exact = eigenvalues(ki, fs, z[-1], np.sign(v[resolved]))
+    exact = eigenvalues(ki, fs, z[-1], np.sign(v[np.flatnonzero(np.abs(v) > 1e-10)[-1]]))
     np.testing.assert_allclose(motion.limit, exact, rtol=1e-4, atol=1e-9)
     assert np.all(motion.limit_error <= 1e-4 * np.abs(exact))

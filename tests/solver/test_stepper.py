@@ -52,8 +52,7 @@ def test_order_five_is_reached_on_a_nonlinear_problem_with_time(pendulum):
     errors = [
         np.linalg.norm(integrate(made, [1.0, 0.0], 2.0, fixed_steps=n)[0] - exact) for n in steps
     ]
-    order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert 4.7 < order < 5.6
+    assert 4.7 < -np.polyfit(np.log(steps), np.log(errors), 1)[0] < 5.6
 
 
 def test_error_control_keeps_the_error_near_the_tolerance_and_work_follows_it(pendulum):

@@ -136,6 +136,7 @@ def test_the_figures_of_a_linear_system_are_the_exact_ones_in_bits():
     bits, figures = np.array([-1.0, -2.0, -4.0]) / np.log(2.0), run.figures()
     for name in ("exponents_bits_per_s", "asymptotic_bits_per_s"):
         np.testing.assert_allclose(figures[name], bits, rtol=1e-8)
+    assert figures["method"] == "one solver"
     assert figures["mean_trace_bits_per_s"] == pytest.approx(-7.0 / np.log(2.0), rel=1e-9)
     assert figures["lambda1_times_t_bits"] == pytest.approx(-2.0 / np.log(2.0), rel=1e-8)
     assert (figures["time_s"], figures["neutral_directions"]) == (2.0, 0)

@@ -99,8 +99,7 @@ def test_a_warm_winding_needs_voltage_with_the_current(form):
     changes = {"r_drift": 0.3, "r_form": form, "r_time": 0.3, "r_current": 0.03}
     missing, log = need(changes, par, commands, "need_voltage")
     late = np.arange(900) > 700
-    share = np.polyfit(21.4 * log["current_mean"][late], missing[late], 1)[0]
-    assert 0.05 < share < 0.35
+    assert 0.05 < np.polyfit(21.4 * log["current_mean"][late], missing[late], 1)[0] < 0.35
     assert np.abs(log["need_force"]).max() < 1e-3
 
 

@@ -141,6 +141,7 @@ def test_the_effect_that_is_there_leads_with_its_size(looked):
     assert catalogue.force_of(first) == pytest.approx(12.0 / math.sqrt(2.0), rel=0.03)
     assert first.gain.share == pytest.approx(0.9989, abs=2e-4)
     assert first.score == pytest.approx(1030.0, rel=0.01)
+    assert not first.certain  # which is for others to say
     assert first.doubt == 0.0  # its period is found, not tried
     assert [s.score for s in others] == sorted((s.score for s in others), reverse=True)
     assert others[0].score < 10.0

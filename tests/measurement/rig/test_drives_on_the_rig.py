@@ -135,8 +135,7 @@ def test_trials_have_the_size_of_the_machine(files):
     assert linear.trials["2.8/1"].asked == f"step of the force to {90 * 0.5 / 2.35:.4g} N"
     for trial in linear.trials.values():
         if trial.control == "velocity":
-            way = np.cumsum(trial.reference()) * STEP
-            assert np.abs(way).max() < 0.6 * 1.01
+            assert np.abs(np.cumsum(trial.reference()) * STEP).max() < 0.6 * 1.01
     for trial in joint.trials.values():
         assert not trial.fine
         assert "N*m" in trial.asked or "rad/s" in trial.asked

@@ -130,7 +130,8 @@ def test_an_algebraic_loop_is_solved(network):
 
 
 def test_a_loop_without_a_solution_is_named():
-    group = joined([Static("one", np.array([[1.0]]), np.array([1.0]), told=False)], [0])
+    one = Static("one", np.array([[1.0]]), np.array([1.0]), told=False)  # y = y + 1
+    group = joined([one], [0])
     group.enter_initialization({}, 1.0)
     with pytest.raises(StepFailed, match=r"algebraic loop through one\.y0 has no solution"):
         group.leave_initialization()

@@ -63,8 +63,7 @@ def test_an_fmu_is_judged_like_the_equations_that_it_holds(tmp_path, capsys):
     plan = read_plan(path)
     work = Work.of(plan, tmp_path / "parts", Processes(1))
     values = {"controller_Kp": 300.0, "controller_Ki": 0.0, "plant_m": 1.4}  # no state: held alone
-    runs = (c.loop.run(values, plan.duties[0].motion, 1e-8) for c in work.contenders)
-    own, file = runs
+    own, file = (c.loop.run(values, plan.duties[0].motion, 1e-8) for c in work.contenders)
     np.testing.assert_allclose(file.position, own.position, rtol=0, atol=1e-10)
     np.testing.assert_allclose(file.command[:-1], own.command[:-1], rtol=0, atol=1e-6)
     tunings = work.tunings()
