@@ -17,7 +17,7 @@ from ...solver.errors import BadRecord
 from ..identification.fitted_law import BRISTLES
 from .causes.cause import Form
 from .model import Drive
-from .motion import Course, mean_current, read_anew, recalibrated
+from .motion import Course, mean_current, position_noise, read_anew, recalibrated
 from .windows import at_samples, averaged, lagged, per_interval, windows
 
 EXACT = 3e-3  # smallest noise, as a share of the friction: friction laws are not exact
@@ -134,7 +134,11 @@ def moving(course: Course, model: Drive) -> Vector:
 
 
 def check_motion(courses: Courses, model: Drive) -> None:
-    """Raise BadRecord for records with almost no motion."""
+    """Raise BadRecord for records with almost no motion, or with one that smoothing takes out."""
+    for c in courses:
+        seen = 2.0 * np.median(np.abs(c.v)) + 3.0 * position_noise(c.record) / c.step
+        if np.median(np.abs(c.moved_v)) > seen:
+            raise BadRecord(f"{c.record.name}: the axis vibrates, faster than forces are averaged")
     moves = [moving(c, model) for c in courses]
     count, parts = int(sum(m.sum() for m in moves)), sum(map(len, moves))
     if count < _FEWEST:
@@ -195,5 +199,4 @@ def noise_of_readings(courses: Courses, model: Drive) -> Residual:
     random = np.random.default_rng(0)
     once = residual(courses, model)
     again = residual([read_anew(c, model, random) for c in courses], model)
-    between = again.by_current - once.by_current
-    return Residual(again.force - once.force, between, once.telling)
+    return Residual(again.force - once.force, again.by_current - once.by_current, once.telling)

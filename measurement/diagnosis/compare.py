@@ -113,8 +113,7 @@ class Compared:
                 f"{self.friction:.3g} N rms ({share:.2g} %)"
             )
         if whole.position:
-            drift = length(whole.position.value)
-            words += f"; its position drifts {drift} rms within a second"
+            words += f"; its position drifts {length(whole.position.value)} rms within a second"
         return words
 
     def to_dict(self) -> dict[str, Any]:

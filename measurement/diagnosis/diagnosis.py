@@ -319,6 +319,5 @@ def _reported(study: Study, suspect: str, name: str) -> tuple[Callable[[float], 
         known = study.courses[0].calibration[CURRENT_GAIN] if suspect == "scale_of_i" else 0.0
         return lambda size: 1.0 + known + size, suspect
     if name in study.model.values and name in study.values:
-        value = study.model.values[name]
-        return lambda size: value * (1.0 + size), name
+        return lambda size: study.model.values[name] * (1.0 + size), name
     return lambda size: size, name

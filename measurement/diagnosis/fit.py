@@ -310,8 +310,7 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vect
 
 def _moved(study: Study) -> tuple[Study, Fit]:
     """The study with better fitting values, and the fit."""
-    columns = base_columns(study)
-    fit = base_fit(study, columns)
+    fit = base_fit(study, base_columns(study))
     change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))
     names, prior = study.model.adjustable, study.prior_model
     values = {}

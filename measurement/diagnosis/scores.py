@@ -205,8 +205,7 @@ def scored(
     best = []
     for name, pairs in tried.items():
         if some := [h for pair in pairs if (h := _hypothesis(catalogue.study, *pair, base))]:
-            first = max(some, key=lambda h: h.score)
-            best.append(replace(first, doubt=doubts.get(name, 0.0)))
+            best.append(replace(max(some, key=lambda h: h.score), doubt=doubts.get(name, 0.0)))
     return sorted(best, key=lambda h: -h.score)
 
 

@@ -30,8 +30,7 @@ _LONGEST = 5e-3  # longest delay [s]; at least eight samples
 def late(u: Vector, delay: float, step: float) -> Vector:
     """Mean over each sampling interval of a held command that comes `delay` [s] late."""
     whole, share = divmod(delay / step, 1.0)
-    n = int(whole)
-    before = np.concatenate([np.full(n + 1, u[0]), u])[: len(u) + 1]
+    before = np.concatenate([np.full(int(whole) + 1, u[0]), u])[: len(u) + 1]
     return np.asarray((1.0 - share) * before[1:] + share * before[:-1])
 
 

@@ -163,12 +163,13 @@ U = "u [N]"
         (lambda t: {**t, "x": 0 * t["x"]}, "the position never changes"),
         (lambda t: {**t, U: 0 * t[U]}, "the command u is zero all the time"),
         (lambda t: {n: v[:100] for n, v in t.items()}, "is too short"),
+        (lambda t: {**t, "x": t["x"] + 3e-3 * np.sin(500.0 * t["time"])}, "the axis vibrates"),
         (lambda t: {n: v for n, v in t.items() if n != U}, "has no column 'u'"),
         (lambda t: {**t, "x": 1e4 * t["x"]}, "unit x=mm"),
         (lambda t: {**t, "time": 1e3 * t["time"]}, "unit time=ms"),
         (lambda t: {n: v[::30] * (3.0 if n == "time" else 1.0) for n, v in t.items()}, "too slow"),
     ],
-    ids=["no motion", "no command", "too short", "no column", "millimetres", "ms", "slow"],
+    ids=["no motion", "no command", "too short", "vibrates", "no column", "mm", "ms", "slow"],
 )
 def test_records_that_carry_no_diagnosis_leave_nothing_behind(diagnosed, tmp_path, spoil, words):
     names, rows = diagnosed.record.read_text().split("\n", 1)

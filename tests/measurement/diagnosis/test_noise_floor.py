@@ -42,8 +42,7 @@ def test_a_jump_is_named_and_changes_nothing_else():
     (note,) = (n for n in found.notes if "x jumps by" in n)
     assert f"at {record.time[3_001]:.6g} s (1 in all)" in note
     assert not any("x jumps by" in n for n in as_it_is.notes)
-    size = float(note.partition("x jumps by ")[2].split()[0])
-    assert size == pytest.approx(10.0, abs=2.0)  # a count
+    assert float(note.partition("x jumps by ")[2].split()[0]) == pytest.approx(10.0, abs=2.0)
 
 
 def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
