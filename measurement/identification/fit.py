@@ -264,15 +264,16 @@ def fit_late_records(
         fit = fit_along(records, law, course, None, guess, fixed, beside, progress)
         return FittedRecords(records, course, fit, left_over(course, fit))
 
-    def beyond(late: Interval) -> bool:
+    def beyond(late: Interval, known: float) -> bool:
         """Whether all of the interval is beyond twice what was known of the delay."""
         reach = math.inf if late.high is None else late.high - late.value
         return abs(late.value) > 2.0 * known + reach
 
     known = max(r.delay_std for r in records)
     first = last = fitted(list(records), None)
-    for _ in range(8 * (not any(r.lags for r in records))):  # each by a sample or more
-        if not any(map(beyond, last.fit.late)):
+    for _ in range(8 * (not any(r.lags for r in records))):
+        allowed = known if last is first else 0.0  # what is left of a delay biases parameters
+        if not any(beyond(i, allowed) for i in last.fit.late):
             break
         moved = []
         for record, clock in zip(last.records, last.course.clock, strict=True):
@@ -283,4 +284,4 @@ def fit_late_records(
         before, last = last, fitted(moved, last.fit.values)
         if last.left.force > before.left.force:
             break
-    return last if beyond(last.late) and last.explained else first
+    return last if beyond(last.late, known) and last.explained else first

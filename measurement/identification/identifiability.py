@@ -83,10 +83,9 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     moves = np.diff(dragged, prepend=dragged[0])
     moves[course.starts[:-1]] = 0.0
     slid = _towards(moves, end)
-    if float(slid.sum()) < 50.0 * yielding:
-        return True
-    if not of_curve:
-        return False
+    little = float(slid.sum()) < 50.0 * yielding
+    if little or not of_curve:
+        return little
     order = np.argsort(np.abs(course.v))
     covered = np.cumsum(slid[order]) / float(slid.sum())
     slow, fast = np.abs(course.v)[order][np.searchsorted(covered, (0.1, 0.9))]
@@ -138,6 +137,7 @@ class Trial(NamedTuple):
             force=np.zeros(n * records),
             blur=np.full(n * records, self.blur),
             still=np.zeros(n * records, dtype=bool),
+            recorded=np.ones(n * records, dtype=bool),
             step=np.full(records, self.step),
             shift_std=np.full(records, self.blur),
             gain_std=np.full(records, 1e-7),
@@ -170,11 +170,9 @@ def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[Trial]:
     if name == "sigma1":
         way = fit.law.presliding_way(fit.values, end) / 4
         rate, fine = 2 * math.pi * 10.0, way / 160
-        what = (
-            f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m forwards and "
-            f"backwards in presliding, for 5 s, force and displacement (to {fine:.1g} m) "
-            "sampled together at 2 kHz (their delay must be known to 0.15 ms)"
-        )
+        motion = f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m forwards and"
+        motion += f" backwards in presliding, for 5 s, force and displacement (to {fine:.1g} m)"
+        what = f"{motion} sampled together at 2 kHz (their delay must be known to 0.15 ms)"
         return [Trial(what, (_sine(way * rate, rate),), 5.0, 5e-4, fine)]
     way = max(fit.law.presliding_way(fit.values, end) for end in fit.law.ends)
     speed = float(np.quantile(np.abs(course.v), 0.99))
@@ -252,10 +250,8 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
     if end and way not in moved:
         return f"there is no motion {way}"
     if fit.law.offset and len(moved) == 1 and name in (OFFSET, "Fc", "Fs"):
-        return (
-            "the records move in one direction only, where a constant force and friction "
-            "cannot be distinguished"
-        )
+        only = "the records move in one direction only"
+        return f"{only}, where a constant force and friction cannot be distinguished"
     if hardly_slides(fit, course, parameter):
         few = "too few speeds to distinguish the fall of the Stribeck curve from the viscous slope"
         why = f"after break-away it moves almost no distance, or at {few}"
@@ -284,7 +280,5 @@ def _confused(fit: Fit, parameter: str) -> str:
     both[j, j] = 0.0
     other = int(np.argmax(np.abs(both[j])))
     name = [*fit.names, *["the delay between force and motion"] * len(fit.delays)][other]
-    return (
-        f"it and {name} are only known together (correlation {both[j, other]:.2f}); if all else "
-        f"were known, its error would be {alone:.2g} of this one"
-    )
+    known = f"it and {name} are only known together (correlation {both[j, other]:.2f})"
+    return f"{known}; if all else were known, its error would be {alone:.2g} of this one"

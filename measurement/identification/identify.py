@@ -50,8 +50,7 @@ def check_held(law: str, fixed: Fixed, offset: bool = False) -> None:
             wanted = "finite number" if name == OFFSET else wanted
             raise BadParameter(f"{name} is {value:g}, expected a {wanted}")
     if offset and OFFSET in fixed:
-        said = f"{fixed[OFFSET]:g} N and fitted; expected one of them"
-        raise BadParameter(f"{OFFSET} is held at {said}")
+        raise BadParameter(f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one")
     if offset and LAWS[law].directional:
         both = f"{law} has separate friction for each direction"
         why = "which cannot be distinguished from a constant force"
@@ -215,10 +214,9 @@ def _remarks(records: Records, fit: Fit, offset: bool) -> list[str]:
         step = f"{foreign[0].step:.3g} s: if this is wrong, give the units"
         notes.append(f"without trial.json, by name and unit, {sizes} {step}")
     if offset:
-        notes.append(
-            "in sliding, a constant force and a Coulomb friction that depends on direction "
-            "cannot be distinguished: the offset assumes the same friction in both directions"
-        )
+        both = "a constant force and a Coulomb friction that depends on direction"
+        same = "the offset assumes the same friction in both directions"
+        notes.append(f"in sliding, {both} cannot be distinguished: {same}")
     notes += [INTEGRATED] * any(r.velocity_alone for r in records)
     if fit.law.rigid:
         share = f"{np.mean(~fit.spoken):.0%} of the samples, where the block may stick,"

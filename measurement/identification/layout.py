@@ -27,6 +27,7 @@ class StackedRecords:
     force: Vector  # measured [N]
     blur: Vector  # spread of the position [m]
     still: npt.NDArray[np.bool_]  # samples at which the block may stick
+    recorded: npt.NDArray[np.bool_]  # samples at whose instants the motion was recorded
     # of each record, shape (records,), and the first sample of each, then n
     step: Vector  # sampling interval [s]
     shift_std: Vector  # spread of the displacement before [m]
@@ -101,6 +102,7 @@ def lay_out(records: Sequence[Record]) -> StackedRecords:
         force=np.concatenate([r.force for r in records]),
         blur=np.concatenate([m.blur for m in motions]),
         still=np.concatenate([_may_stick(m) for m in motions]),
+        recorded=np.concatenate([m.recorded for m in motions]),
         step=np.array([r.step for r in records]),
         shift_std=np.array(shifts),
         gain_std=np.where(stds > 0, usual, 1e-7),

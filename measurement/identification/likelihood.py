@@ -44,7 +44,7 @@ class Problem:
         for row, end in zip(self.gaps, law.ends, strict=True):
             if {"Fc", "Fs"} <= set(law.parameters):
                 row[[law.names.index(n + end) for n in ("Fc", "Fs")]] = 1.0, -1.0
-        self.spoken = ~course.still if law.rigid else np.ones(len(course.x), dtype=bool)
+        self.spoken = course.recorded & ~(law.rigid & course.still)
         self.break_aways = break_aways(course) if law.rigid else {}
         self.peaks = np.array(list(self.break_aways), dtype=np.int64)
         self.spoken[self.peaks] = True

@@ -71,6 +71,13 @@ class SmoothedMotion:
         of_noise = self.spread * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left))
         return np.asarray(np.hypot(of_noise, self.bent), dtype=float)
 
+    @property
+    def recorded(self) -> Mask:
+        """Whether the position was recorded around the instant, or at rest before, shape (n,)."""
+        late, at = round(self.later / self.step), np.arange(len(self.x))
+        first = 1 - late if late < 0 and not self.from_rest else 0
+        return (at >= first) & (at < len(at) - (late + 1 if late > 0 else 0))
+
     def replayed(self, random: np.random.Generator) -> SmoothedMotion:
         """An example of this motion, measured and smoothed again.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from identification.intervals import trial
 from scipy.integrate import solve_ivp
 
 from ballscrew.measurement.identification.identify import identify
@@ -81,6 +82,14 @@ def test_mass_friction_and_delay_come_back_in_one_fit():
     ratio = found.parameters["m"].value / 80.0
     assert f"{ratio:.4g} times too large" in said
     assert f"wrong by a factor of {math.sqrt(ratio):.4g}" in said
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("seed", [1, 9])
+def test_a_law_is_right_where_the_force_is_18_ms_late_or_14_ms_early(seed):
+    """What is left of the delay, and the motion after the last sample, biased its stiffness."""
+    rows = trial("mass_fitted", "dahl", seed)
+    assert {"sigma", "m", "time_shift"} <= {r["parameter"] for r in rows if r["covered"]}
 
 
 @pytest.mark.ci
