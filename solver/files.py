@@ -27,6 +27,11 @@ Columns = Mapping[str, Sequence[Any]]  # numbers, words or truth values of one l
 PYARROW = "needs pyarrow: pip install 'ballscrew[parquet]', or use .csv"
 
 
+def readable(text: str) -> str:
+    """The text with file names in UTF-8, also if the locale does not have their characters."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 @contextlib.contextmanager
 def naming(place: Path) -> Iterator[None]:
     """Add the file name to an error of the system, such as a full disk; raises it."""

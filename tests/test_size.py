@@ -15,11 +15,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5923, 5272),
+    "solver": (5926, 5274),
     "plant": (1686, 1407),
     "controllers": (1215, 955),
     "fmus": (4968, 4444),
-    "orchestration": (9111, 7997),
+    "orchestration": (9108, 7995),
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),

@@ -17,12 +17,13 @@ from ...fmus.interface import SOLVER_TOLERANCE, START
 from ...plant import DESCRIBED
 from ...plant.instruments import PartName
 from ...solver.errors import BadParameter
+from ...solver.files import readable
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.signals import START_VALUE
 from ..fmu import limits
 from ..master.couplings import WITHOUT_FMUS, Coupling
 from ..master.reference_signal import Reference
-from .parameter_file import FMU, Known, ParameterFile, Value, check_values, readable
+from .parameter_file import FMU, Known, ParameterFile, Value, check_values
 from .parameter_file import Values as FileValues
 from .parts import Part, PartLike, in_practice, resolve
 from .reference_motions import ReferenceLike, as_reference

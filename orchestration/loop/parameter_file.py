@@ -20,8 +20,9 @@ from ...fmus.units import base_exponents
 from ...plant import DEFAULT_LAW, LAWS, NOMINAL, TURNING, plant_of
 from ...plant.instruments import UNLIMITED
 from ...solver.errors import BadParameters, did_you_mean
-from ...solver.files import write_atomically
+from ...solver.files import readable, write_atomically
 from ...solver.signals import unit_in
+from .parts import Part
 
 if TYPE_CHECKING:
     from ...solver.signals import Parameter
@@ -111,8 +112,6 @@ class ParameterFile:
             return self
         if self.plant and "p" not in self.plant:
             return replace(self, plant={**self.plant, "p": Value(1 / lead, "1/m", None, "given")})
-        from .parts import Part
-
         own = self.lead or 1 / Part(self.plant_name).parameters["p"].default
         if not math.isclose(lead, own, rel_tol=1e-6):
             raise BadParameters(
@@ -123,8 +122,6 @@ class ParameterFile:
 
     def checked(self) -> ParameterFile:
         """The file; raises `BadParameters` for values that its plant does not have."""
-        from .parts import Part
-
         self.plant_values(Part(self.plant_name).parameters)
         return self
 
@@ -206,11 +203,6 @@ def _tables(values: Values) -> dict[str, dict[str, Any]]:
 def _turned(values: Values) -> Values:
     units = {n: unit_in(v.unit, TURNING) for n, v in values.items()}
     return {"J" if n == "m" else n: replace(v, unit=units[n]) for n, v in values.items()}
-
-
-def readable(text: str) -> str:
-    """The text with file names in UTF-8, also if the locale does not have their characters."""
-    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def check_values(values: Values, known: Known, where: str) -> dict[str, float]:

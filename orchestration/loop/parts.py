@@ -18,11 +18,11 @@ from ...plant import PLANTS
 from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
 from ...solver import component_file
 from ...solver.errors import BadParameter, ContractError, did_you_mean, nearest
+from ...solver.files import readable
 from ...solver.kernel import Kernel
 from ...solver.signals import Parameter
 from ..fmu.limits import as_number
 from . import catalogue
-from .parameter_file import readable
 
 if TYPE_CHECKING:
     from ...solver.component import Component
