@@ -4,7 +4,7 @@
 #define STRIDES 512 /* parts of a walk: a motion does not cross a plane twice in one of them */
 #define NEARLY (1.0 - 1e-9) /* of a step: just before the event at its end */
 #define SOUGHT 4            /* repetitions of a step for one extreme */
-#define CLOSE 0.05          /* share of a range: a guessed extreme so near its end may be new */
+#define CLOSE 0.05          /* share of a range: a cubic's extreme so near its end may be new */
 
 /* A motion, and its last step: from t by h, with the state and u as they were at its start. */
 typedef struct {
@@ -69,10 +69,27 @@ static void spread_to(const Crossings *c, const double *x, int n)
     }
 }
 
-/* Widen the range of each state to its extremes within the step: if its rate changes sign, the step
- * is repeated up to where the rate is zero by its secant, until this moves the extreme by less than
- * the tolerance. `event`: whether one has ended the step. `memory` has room for five rows of states,
- * and for u. */
+/* Place of the extreme of a cubic through `first` and `last`; its slopes at the ends, per whole
+ * step, have different signs. */
+static double turning(double first, double slope0, double last, double slope1)
+{
+    double a = 0.0, b = 1.0;
+    for (int round = 0; round < 50; round++) {
+        const double q = 0.5 * (a + b);
+        const double slope = slope0 * (1.0 - q) * (1.0 - 3.0 * q) + slope1 * q * (3.0 * q - 2.0) +
+                             6.0 * q * (1.0 - q) * (last - first);
+        if (slope * slope0 > 0.0)
+            a = q;
+        else
+            b = q;
+    }
+    return 0.5 * (a + b);
+}
+
+/* Widen the range of each state to its extremes within the step: if its rate changes sign, Hermite's
+ * cubic gives the approximate time, and the step is repeated up to there, then up to the time from
+ * the rates themselves, until this moves the extreme by less than the tolerance. `event`: whether
+ * one has ended the step. `memory` has room for five rows of states, and for u. */
 static void seek_extremes(const Motion *m, int event, double *memory)
 {
     const System *const s = m->s;
@@ -90,7 +107,7 @@ static void seek_extremes(const Motion *m, int event, double *memory)
     for (int i = 0; i < n; i++) {
         if (!(slope0[i] * slope1[i] < 0.0))
             continue;
-        double q = slope0[i] / (slope0[i] - slope1[i]), top;
+        double q = turning(before[i], h * slope0[i], last[i], h * slope1[i]), top;
         hermite(1, q, h, before + i, slope0 + i, last + i, slope1 + i, &top);
         const double near = CLOSE * (c->high[i] - c->low[i]);
         if (slope0[i] > 0.0 ? top < c->high[i] - near : top > c->low[i] + near)
