@@ -15,10 +15,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5926, 5274),
+    "solver": (5942, 5290),
     "plant": (1686, 1407),
     "controllers": (1215, 955),
-    "fmus": (4968, 4444),
+    "fmus": (4970, 4446),
     "orchestration": (9108, 7995),
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21940, 20935),
+    "tests": (21938, 20933),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -20,6 +20,9 @@ from ..feedback_law import with_law_ports
 from ..made_here import remember
 from .sources import NativeModel, declarations, native_model, own_sources, sources_of_all
 
+# what is alike is compiled apart; its loops are too short for vectors, which make it larger
+_FLAGS = ("-DSEPARATE", "-fno-tree-vectorize", "-fno-asynchronous-unwind-tables")
+
 
 @dataclass(frozen=True)
 class NativeFmu:
@@ -96,7 +99,7 @@ def write_native(
         files["sources/buildDescription.xml"] = _build_description(kernel.name)
     for name in able:
         kind = PLATFORMS[name]
-        given = ["-DSEPARATE", "equations.c", _alike(name, fmi, alike)]
+        given = [*_FLAGS, "equations.c", _alike(name, fmi, alike)]
         library = compile_library(name, texts, given, kernel.name)
         files[f"binaries/{kind.folder[fmi]}/{kernel.name}{kind.suffix}"] = library
     files |= accompanying_files(kernel, interface, fmi)
@@ -108,9 +111,9 @@ def write_native(
 
 def _alike(name: str, fmi: int, sources: dict[str, str]) -> str:
     """The object file of what is alike in all FMUs, in the user's cache."""
-    way = compiler_for(name), PLATFORMS[name], compilers.FLAGS, sources
+    given = [*_FLAGS, "-c", MAIN[fmi]]
+    way = compiler_for(name), PLATFORMS[name], compilers.FLAGS, given, sources
     path = kernel_cache.entry(kernel_cache.COMPILED, hashed_name("alike", repr(way)) + ".o")
-    given = ["-DSEPARATE", "-c", MAIN[fmi]]
     kernel_cache.kept(path, lambda: compile_library(name, sources, given, "alike"))
     return str(path)
 
