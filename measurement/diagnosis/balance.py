@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_opening
+from scipy.ndimage import binary_opening, maximum_filter1d
 
 from ...solver.arrays import Mask, Matrix, Vector
 from ...solver.errors import BadRecord
@@ -126,7 +126,7 @@ def moving(course: Course, model: Drive) -> Vector:
     if rigid:
         slow = slow | binary_opening(still, np.ones(2 * course.width, dtype=bool))
     rests = averaged(slow.astype(float), course.width) > 0.0
-    near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
+    near = maximum_filter1d(rests, 2 * AROUND_REST + 1, mode="constant")
     near[: 2 * AROUND_REST] = True
     if rigid:  # the direction of friction is not known there
         near |= averaged(still.astype(float), course.width) > 0.0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.special import stdtrit
 
 from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
@@ -298,7 +299,7 @@ def _required(course: Course, model: Drive) -> Vector:
 def _well_within_rest(course: Course) -> Mask:
     """Samples at rest that are not near a motion; the counterpart of `moving`."""
     moves = averaged((~course.rests).astype(float), course.width) > 0.0
-    near = np.convolve(moves, np.ones(2 * AROUND_REST + 1), mode="same")
+    near = maximum_filter1d(moves.astype(float), 2 * AROUND_REST + 1, mode="constant")
     return np.asarray(course.rests & (at_samples(near, len(course.x), course.width) == 0.0))
 
 

@@ -253,9 +253,9 @@ class FittedRecords:
 def fit_late_records(
     records: Sequence[Record], law: str, fixed: Start, beside: Collection[str], progress: Progress
 ) -> FittedRecords:
-    """Fit a law to records, and correct them by the delay of the force if it is certain.
+    """Fit a law to records, and correct them by the force's delay until nothing certain is left.
 
-    It is not if some lags are known, if it may be within what was known of it before, or if the law
+    None is certain if some lags are known, if it may be within what was known before, or if the law
     does not explain the force: such a law takes its own error for a delay.
     """
 
@@ -272,8 +272,7 @@ def fit_late_records(
     known = max(r.delay_std for r in records)
     first = last = fitted(list(records), None)
     for _ in range(8 * (not any(r.lags for r in records))):
-        allowed = known if last is first else 0.0  # what is left of a delay biases parameters
-        if not any(beyond(i, allowed) for i in last.fit.late):
+        if not any(beyond(i, known if last is first else 0.0) for i in last.fit.late):
             break
         moved = []
         for record, clock in zip(last.records, last.course.clock, strict=True):

@@ -50,7 +50,7 @@ def check_held(law: str, fixed: Fixed, offset: bool = False) -> None:
             wanted = "finite number" if name == OFFSET else wanted
             raise BadParameter(f"{name} is {value:g}, expected a {wanted}")
     if offset and OFFSET in fixed:
-        raise BadParameter(f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one")
+        raise BadParameter(f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; choose one")
     if offset and LAWS[law].directional:
         both = f"{law} has separate friction for each direction"
         why = "which cannot be distinguished from a constant force"

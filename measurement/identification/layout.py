@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d
 
 from ...solver.arrays import Matrix, Vector
 from ..records.record import Record
@@ -121,11 +122,10 @@ def lay_out(records: Sequence[Record]) -> StackedRecords:
 
 def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:
     """Samples whose velocity may be zero, or was smoothed together with such samples."""
-    spread = 2 * math.pi * motion.bandwidth * motion.noise
-    still = np.abs(motion.v) < max(3 * spread, 1e-9)
+    still = np.abs(motion.v) < max(3 * (2 * math.pi * motion.bandwidth * motion.noise), 1e-9)
     still[[0, -1]] = True  # the motion before and after is not known
     near = max(1, round(0.25 / (motion.bandwidth * motion.step)))
-    return np.asarray(np.convolve(still, np.ones(2 * near + 1))[near:-near] > 0.5)
+    return np.asarray(maximum_filter1d(still, 2 * near + 1, mode="constant"))
 
 
 def break_aways(course: StackedRecords) -> dict[int, float]:

@@ -214,11 +214,11 @@ def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes] |
 
     ours, theirs = socket.socketpair()
     with theirs:
-        for _ in range(2 * can_supervise()):
+        for _ in range(2 if can_supervise() else 0):  # again, if the one that forks was ended
             host = _server(os.getpid(), module).fork(folder, theirs.fileno())
             if host.pid > 0:
                 return ours, host
-            end_host(host, host.stdin, host.stdout)  # the process that forks was ended
+            end_host(host, host.stdin, host.stdout)
             _server.cache_clear()
         code = f"from {module} import main; main(host_connection({theirs.fileno()}))"
         how: dict[str, Any] = {"start_new_session": True, "pass_fds": [theirs.fileno()]}
