@@ -15,13 +15,13 @@ from ...orchestration.loop.parameter_file import BALL_SCREW, COMMANDS, ROTARY, c
 from ...orchestration.loop.parts import Part
 from ...plant import NOMINAL, TURNING
 from ...plant.instruments import UNITS, UNLIMITED
-from ...plant.instruments.acquisition import SAMPLE_TIME
+from ...plant.instruments.acquisition import SAMPLE_TIME, load_cell
 from ...plant.law import claims
 from ...solver.arrays import Vector
 from ...solver.component import Parameter, in_units, symbol, unit_in
 from ...solver.errors import BadParameter, BadParameters, did_you_mean
 from .program import DEVICES, PLANT, of_part, plant_kernel
-from .regulators import Gains, static_force_gains, velocity_gains
+from .regulators import FORCE_TIME, Gains, static_force_gains, velocity_gains
 from .trials import (
     BREAK_AWAY,
     FASTEST,
@@ -53,11 +53,9 @@ SIZES = (
     ),
 )
 SIZED = "scaled to the machine, measurement/rig/machine.py"
-_RESOLUTION, _CAPACITY = 0.089, 44.5  # load cell of the thesis [N], Table 2.1
 _ENCODERS = {True: (1 / (2 * math.pi), 2.0**20), False: (1000.0, 1000.0)}  # 20 bits a turn, or 1 um
 _SPARE = 0.8  # friction at the largest velocity over the force at the command's limit, at most
 _OVER_TRAVEL = 1.0  # least time over the travel at the largest velocity, and of a trial [s]
-_SLOWEST_LAG = 10.0  # lag of a machine without damping [s]
 _HIGH = 1e3  # velocity at which every law's curve has fallen [m/s]
 _LEAST_COUNTS = 4.0  # least presliding distance in counts of the encoder
 
@@ -249,14 +247,14 @@ class Machine:
         """Values of sizes, instruments and regulators that differ from the thesis."""
         if self.is_axis:
             return {}
-        gain, damping = self.values["gain"], max(self.viscous, self.mass / _SLOWEST_LAG)
+        # the rule gives the same gains for all slower lags, also without damping
+        gain, damping = self.values["gain"], max(self.viscous, self.mass / FORCE_TIME)
         turns, counts = _ENCODERS[self.kind == ROTARY]
         return {
             **{f"{TRIAL}.{n}": v for n, v in self.sizes.items()},
             "encoder.p": turns,
             "encoder.counts": counts,
-            "load_cell.resolution": self.force_share * _RESOLUTION,
-            "load_cell.capacity": self.force_share * _CAPACITY,
+            **{f"load_cell.{p.name}": self.force_share * p.default for p in load_cell().parameters},
             **self._regulator("velocity_pid", velocity_gains(self.mass, gain, damping)),
             **self._regulator("force_pid", static_force_gains(gain)),
         }

@@ -29,7 +29,7 @@ from ...solver.component import Component, DiscreteState, Input, Output, Paramet
 Gains: TypeAlias = tuple[float, float, float]
 """Kp, Ki and Kd of the parallel form: command per unit of the error, its integral, its rate."""
 
-ROTOR_INERTIA = 4.2e-7  # kg*m^2, Table 2.1
+ROTOR_INERTIA = next(p.nominal for p in AXIS if p.name == "Jm")  # kg*m^2, Table 2.1
 CUTOFF = 20.0  # of the filters on position and force [Hz]; the same, so that both lags are equal
 VELOCITY_DELAYS = 3.0  # closed-loop time constant of the velocity over the delay of its loop
 FORCE_TIME = 1.0  # closed-loop time constant of the force [s]

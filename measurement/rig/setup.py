@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import stdtrit
 
 from ...orchestration.loop.loop import list_used
 from ...orchestration.loop.parameter_file import ParameterFile, Value
@@ -24,7 +25,6 @@ from .trials import BREAK_AWAY, Trial
 POINTS = np.arange(0.0, 75e-6, 10e-6)
 """Displacements at which the capacitance is measured [m]: 0 to 70 um in steps of 10 um."""
 CALIBRATION_AVERAGE = 25  # conversions averaged at each point of the calibration: one second
-_STUDENT_95 = 2.5706  # two-sided, for the five degrees of freedom of eight points and a quadratic
 _SENSOR = "capacitance_sensor"
 _DRAWN = ("encoder.phase", f"{_SENSOR}.separation")  # random in each trial, by its seed
 _CALIBRATED = tuple(f"{_SENSOR}.c{k}" for k in range(3))
@@ -60,7 +60,8 @@ class Calibration:
         """Half width of the fit's 95 % interval [m] at capacitances [F]."""
         powers = _powers(np.asarray(capacitance, dtype=float))
         variance = np.einsum("...i,ij,...j->...", powers, self.covariance, powers)
-        return np.asarray(_STUDENT_95 * np.sqrt(variance))
+        freedom = len(self.displacements) - len(self.coefficients)
+        return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(variance))
 
     @property
     def error(self) -> float:

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from ...plant.instruments.acquisition import SAMPLE_TIME
+from ...plant.lugre import PARAMETERS as FRICTION
 from ...solver.arrays import Vector
 from ...solver.component import unit_in
 from ...solver.errors import BadParameter, did_you_mean
 from .regulators import loading_voltage
 
 VELOCITY, FORCE, VOLTAGE = "velocity", "force", "voltage"  # what a trial controls
-FASTEST, BREAK_AWAY = 8e-3, 2.35
+FASTEST, BREAK_AWAY = 8e-3, next(p.default for p in FRICTION if p.name == "Fs")
 """Largest velocity of the thesis' trials [m/s], and static friction of its axis [N], Table 3.1."""
 FORCE_STEP_TIME, CONSTANT_VELOCITY_TIME = 10.0, 4.0  # s
 RAMP_TO = 3.5
