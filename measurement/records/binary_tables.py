@@ -12,6 +12,7 @@ import re
 import sys
 import traceback
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -23,7 +24,6 @@ from ...solver.errors import BadRecord
 from .columns import Column, Table, check_size, columns_of, table_of
 from .csv_table import read_lines
 
-_LAST_DAY = 2_958_466  # of Excel, from 1900 on: the year 9999
 _TERM = re.compile(
     r"[\s+\-*/^(),]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
     r"|\b(?:[Xx]1*|sin|cos|tan|asin|acos|atan|exp|log|log10|sqrt|abs)\b"
@@ -218,9 +218,10 @@ def _rows(path: Path, book: Any, sheet: Any) -> Iterator[tuple[int, str]]:
 
 
 def _cell(value: object, epoch: datetime | None) -> str:
-    if epoch and isinstance(value, int | float) and 0 <= value < _LAST_DAY:
-        date = epoch + timedelta(days=value)
-        return date.isoformat(" ") if value >= 1 else date.time().isoformat()
+    if epoch and isinstance(value, int | float) and value >= 0:
+        with suppress(OverflowError):  # after the year 9999 it is no date
+            date = epoch + timedelta(days=value)
+            return date.isoformat(" ") if value >= 1 else date.time().isoformat()
     return "" if value is None else " ".join(str(value).split())
 
 

@@ -27,7 +27,6 @@ MOST = {
     "characters in the name of a column": 500,
 }
 """Largest sizes of a file; it is refused before anything larger is made."""
-_WIDEST = 1000  # columns of a matrix; wider ones are pictures
 _OVERFLOW = 9.9e36  # a meter writes 9.9e37 for an overflow, netCDF 9.97e36 for an empty cell
 
 
@@ -132,7 +131,7 @@ def columns_of(name: str, array: Array, unit: str = "") -> Iterator[Column]:
         yield Column(name, fault=f": {name!r} has {shape} values of type {array.dtype}, no numbers")
     elif array.ndim < 2:
         yield Column(name, array.astype(float).ravel(), unit, start)
-    elif min(array.shape) <= _WIDEST:
+    elif array.size <= MOST["cells"]:  # larger ones are pictures
         rows = array if array.shape[0] < array.shape[1] else array.T
         for k, row in enumerate(rows, 1):
             yield Column(f"{name}.{k}", row.astype(float), unit, start)

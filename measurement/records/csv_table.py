@@ -13,9 +13,10 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from datetime import date
+from datetime import date, timedelta
 from itertools import pairwise, product
 from pathlib import Path
+from reprlib import repr as shortened
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +37,6 @@ _COMMAS = "the file has decimal points: remove the commas between thousands"
 _LVM = "LabVIEW Measurement"
 _LVM_END = "***End_of_Header***"
 _MARK = "#"  # before remarks, and before names written as a remark
-_SHOWN = 40  # characters of a wrong cell in a message
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
 _THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
 _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'882
@@ -45,7 +45,7 @@ _OF_DAY = r"(?P<h>\d{1,2}):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?(?: ?(?P<half
 _STAMP = re.compile(rf"(?:{_DATE}[T ] *)?{_OF_DAY}(?: ?(?:Z|[A-Z]{{3,4}}|[-+]\d\d:?\d\d))?")
 # 03:12.250, as spreadsheets show it
 _MINUTES = re.compile(r"(?P<date>)(?P<h>)(?P<half>)(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")
-_DAY = 86400.0  # s
+_DAY = timedelta(days=1).total_seconds()
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # occur in lines of units
 
 
@@ -375,8 +375,7 @@ def _column(name: str, cells: Sequence[str], lines: Integers, style: _Style) -> 
         if cell and (not _stamp(cell) if stamped else number is None):
             what = "time of day, unlike the other cells" if stamped else "number"
             why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
-            shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
-            fault = f", row {line}, column {name!r}: {shown!r} is not a {what}{why}"
+            fault = f", row {line}, column {name!r}: {shortened(cell)} is not a {what}{why}"
             return Column(name, fault=fault)
     if not stamped:
         return Column(name, np.array(numbers, dtype=float))

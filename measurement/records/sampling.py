@@ -16,7 +16,6 @@ from .record import resolution_of
 _JITTER = 0.2  # jitter, over the sampling interval, below which stamps count as equidistant
 _LONGEST_GAP = 5  # most missing samples in a row
 _FOLLOWED = 0.1  # share of a stamp's delay by which the equidistant instants are shifted
-_BEGINNING = 20  # samples whose stamps give the first instant
 _LEVELS = 200  # steps of rounded stamps in a record, from which their mean rate is known
 _DIGITS = 0.05  # of a rounding step, by which the written digits may differ
 _ALIKE = 0.3  # difference of steps that count as equal, over the step
@@ -76,7 +75,7 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
     like that.
     """
     steps, ticks = np.diff(x), np.diff(time)
-    if len(steps) < _BEGINNING or np.ptp(ticks) > _JITTER * np.median(ticks):
+    if np.ptp(ticks) > _JITTER * np.median(ticks):
         return time, ""
     beside = np.stack([steps[k : len(steps) - 8 + k] for k in (0, 1, 2, 3, 5, 6, 7, 8)])
     usual = np.median(beside, axis=0)
@@ -181,7 +180,7 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:
     """Numbers of the equidistant instants to which jittering stamps belong, shape (n,)."""
     numbers = np.zeros(len(time), dtype=int)
-    begun = time[:_BEGINNING]
+    begun = time[: round(1 / _FOLLOWED)]  # as many as are followed
     last = float(np.median(begun - step * np.arange(len(begun))))
     for k, stamp in enumerate(time[1:].tolist(), 1):  # follow the mean: jitter does not add up
         passed = max(0, round((stamp - last) / step))
