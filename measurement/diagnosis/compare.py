@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
 from ...orchestration.loop.shown import length
@@ -24,16 +24,14 @@ from ..records.record import Record
 from .balance import AROUND_REST, Courses, balance, check_motion, noise_of_readings, residual, rms
 from .causes import CAUSES, SIGNALS
 from .corrected import IN_COMMAND, NOT_PREDICTED, PARTING, Causes, Predictor, ends_of_seconds
-from .model import Drive, commanded, compiled, drive_of
+from .model import SLOWEST, Drive, commanded, compiled, drive_of
 from .motion import Course, jumps_of, lay_along, recalibrated, shaken, with_law_force
 from .windows import at_samples, averaged
 
 ALL = "all"
 _GAINS = (("adjusted", "prior"), ("corrected", "prior"), ("corrected", "adjusted"))
-_SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
 _DRAWS = 2000
 _FEWEST = 4  # blocks needed for an interval
-_NORMAL = 1.96  # quantile of the normal distribution
 
 
 @dataclass(frozen=True)
@@ -311,7 +309,7 @@ def _beyond_stiction(course: Course, model: Drive, required: Vector, force: Vect
     scale = course.per_command / model.linear.per_command  # as in `balance`
     asked = required - scale * (force + model.values.get("offset", 0.0))
     names, steady = compiled(claims(model.law).steady_state)
-    sides = ({**model.values, "v": v} for v in (-_SLOWEST, _SLOWEST))
+    sides = ({**model.values, "v": s * float(SLOWEST)} for s in (-1.0, 1.0))
     backwards, forwards = (scale * float(steady(*(v[n] for n in names))) for v in sides)
     return np.asarray(asked - np.clip(asked, backwards, forwards))
 
@@ -341,7 +339,7 @@ class Blocks:
         self._drawn = ((first[:, :, None] + np.arange(together)) % blocks).reshape(_DRAWS, -1)
         independent = blocks / together
         free = max(independent - 1.0, 1.0)
-        self._wider = float(stdtrit(free, 0.975)) / _NORMAL * math.sqrt(independent / free)
+        self._wider = float(stdtrit(free, 0.975) / ndtri(0.975)) * math.sqrt(independent / free)
 
     def rms(self, values: Vector, counted: Mask | bool = True) -> Estimate:
         """Root mean square of values, shape (n,), over the counted samples."""

@@ -25,22 +25,19 @@ from .motion import Course
 from .rule import Explained
 
 COMMAND_FILE = "next_experiment.csv"
-_MARGIN = 0.05  # of the travel, left at each end
-_USED = 0.9  # of the largest speed and command
+_USED = 0.9  # of the travel, and of the largest speed and command
 _HEADROOM = 0.5  # share of the force beyond friction that is used to accelerate
-_AT_SPEED = 0.8  # share of that force that viscous friction may take
+_MOST = 0.8  # share that viscous friction may take of a force, and the motion of an acceleration
 _ROWS = 1e-3  # shortest time between rows of a command file [s]
 _REST = 0.1  # rest before the motion [s]
 _SHORTEST = 12.0  # [s]
 _LOBES = 6  # parts of the oscillation, alternately at its higher and its lower frequency
-_SLOWER = 3.0
-_OVER, _BESIDE = 0.35, 0.15  # slow motion and oscillation: amplitudes over the travel
+_SLOWER = 3.0  # also the length over that of the records, if a suspect is slow
+_OVER = 0.35  # amplitude of the slow motion over the travel; the oscillation has the rest
 _GOING = 0.4  # largest speed of the slow motion, as a share of the fastest speed
-_HARDNESS = 0.8  # used share of the available acceleration
 _SAMPLES_A_PERIOD = 40
-_MOST = 3  # suspects in the text
+MOST_NAMED = 3  # suspects in a text
 _SLOW = ("friction_drift", "resistance_drift")
-_LONGER = 3.0  # length over that of the records, if a suspect is slow
 
 
 class Reach(NamedTuple):
@@ -76,7 +73,7 @@ def fastest_and_hardest(reach: Reach, model: Drive) -> tuple[float, float]:
     spare -= 0.0 if model.has_motor else abs(model.values["offset"])
     fastest = _USED * reach.speed
     if spare > 0.0 and model.damping > 0.0:
-        fastest = min(fastest, _AT_SPEED * spare / model.damping)
+        fastest = min(fastest, _MOST * spare / model.damping)
     hardest = _HEADROOM * (spare - model.damping * fastest) / model.linear.inertia
     return fastest, min(reach.acceleration, hardest) if hardest > 0.0 else 0.5 * reach.acceleration
 
@@ -109,15 +106,16 @@ def survey(says: str, reach: Reach, model: Drive, lasts: float) -> NextExperimen
     the force of the command.
     """
     rows = max(reach.step, _ROWS)
-    way = (1.0 - 2.0 * _MARGIN) * (reach.high - reach.low)
+    way = _USED * (reach.high - reach.low)
     fastest, hardest = fastest_and_hardest(reach, model)
-    hardest *= _HARDNESS
+    hardest *= _MOST
     lasts = max(lasts, _SHORTEST)
     over = min(_OVER * way, _GOING * fastest * lasts / (2 * math.pi))
     going = 2 * math.pi / lasts * over
-    swing = min((fastest - going) ** 2 / hardest, _BESIDE * way)
+    beside = (0.5 - _OVER) * way
+    swing = min((fastest - going) ** 2 / hardest, beside)
     rate = min(math.sqrt(hardest / swing), 2 * math.pi / (_SAMPLES_A_PERIOD * rows))
-    swing = min((fastest - going) / rate, _BESIDE * way)
+    swing = min((fastest - going) / rate, beside)
     time: Vector = np.asarray(rows * np.arange(round(lasts / rows) + 1), dtype=float)
     share = time / time[-1]
     lobe = np.minimum(np.floor(_LOBES * share), _LOBES - 1)
@@ -156,9 +154,9 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
     undecided = [*(m for m in found.built if m.name in found.alternatives), *found.suspects]
     undecided = undecided or [m for m in found.built if not m.certain]
     known = [m for m in undecided if m.name != OUTSIDE]
-    names = [m.name for m in sorted(known, key=lambda m: -m.score)][:_MOST]
+    names = [m.name for m in sorted(known, key=lambda m: -m.score)][:MOST_NAMED]
     reach = reach_of(found.study.courses)
-    longer = _LONGER if any(n in _SLOW for n in names) else 1.0
+    longer = _SLOWER if any(n in _SLOW for n in names) else 1.0
     if quiet:
         says = "these records show no fault; this motion may show faults that need more motion"
     elif not names:

@@ -34,10 +34,8 @@ COMMANDED = 2e-4  # error of a command over its rms: about one bit of a 12-bit c
 
 _WEIGHINGS = 6  # iterations of the bands' weights
 _WEIGHINGS_MORE = 4  # the same without one of the blocks
-_FLAT = 1e-9  # weight of a flat prior, as a share of a column's own square
+_TINY = 1e-9  # share of a column's own square for a flat prior, and of a slope that is none
 _STEPS = 4  # most steps of the active set per amplitude
-_NO_SLOPE = 1e-9
-_NEARLY = 0.999
 _AT_MOST = 0.9  # largest share of noise in a column
 
 
@@ -87,7 +85,7 @@ class Study:
     def at_ends(self, amplitude: Vector) -> list[str]:
         """Those of `values` that are at their limit after a fit."""
         mean, _, most = self.priors()
-        full = np.abs(amplitude[: len(mean)] - mean) > _NEARLY * most
+        full = np.isclose(np.abs(amplitude[: len(mean)] - mean), most)
         return [n for n, at in zip(self.values, full, strict=True) if at]
 
 
@@ -194,7 +192,7 @@ def within_most(inner: Vector, prior: Priors, start: Bounded | None = None) -> B
     mean, precision, most = prior
     matrix = inner[:, 1:, 1:].copy()
     at = np.arange(mean.shape[1])
-    matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
+    matrix[:, at, at] += precision + _TINY * (matrix[:, at, at] + 1e-30)
     goal = inner[:, 1:, 0] + precision * mean
     amplitude, side = (part.copy() for part in start or (mean, np.zeros(mean.shape)))
     going = np.arange(len(mean))
@@ -221,7 +219,7 @@ def within_most(inner: Vector, prior: Priors, start: Bounded | None = None) -> B
         back = np.where(held, side[going] * slope, 0.0)
         turns = np.argmax(back, axis=1)
         size = np.abs(goal[going]) + np.abs(slope)
-        let_go = ~stops & (back[rows, turns] > _NO_SLOPE * size[rows, turns])
+        let_go = ~stops & (back[rows, turns] > _TINY * size[rows, turns])
         side[going[let_go], turns[let_go]] = 0.0
         going = going[stops | let_go]
         if not len(going):

@@ -32,8 +32,8 @@ TOLERANCE = 0.03  # relative tolerance of a value without a given tolerance
 BEND = ("dF_low", "V_mismatch")  # bend of friction at low speed, N and m/s; see stribeck_mismatch
 _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
-_WIDEST = 0.9  # relative tolerance of a value whose interval is wider than the value itself
-_SLOWEST = sp.Float("1e-5")  # speed at which a curve is evaluated instead of at rest [m/s]
+WIDEST = 0.9  # largest relative change of a value, also if its interval is wider than the value
+SLOWEST = sp.Float("1e-5")  # speed at which a curve is evaluated instead of at rest [m/s]
 _TURN = symbol("turn")  # screw angle per travel; pi is then in the equations only once [rad/m]
 _FREED = 0.3  # relative spread of a freed value
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to the total moving mass
@@ -190,7 +190,7 @@ def _tolerance_of(value: Value | None) -> float:
         return TOLERANCE
     low, high = value.interval
     half = max(high - value.value, value.value - low) / abs(value.value)
-    return half if math.isfinite(half) and half < _WIDEST else _WIDEST
+    return half if math.isfinite(half) and half < WIDEST else WIDEST
 
 
 def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Drive, list[str]]:
@@ -273,7 +273,7 @@ def curve_of(law: str) -> sp.Expr:
     """Friction in steady sliding at the speed of ``v``, in +x, without its viscous part."""
     steady, v = sp.sympify(claims(law).steady_state), symbol("v")
     viscous = symbol("sigma2") * v if symbol("sigma2") in steady.free_symbols else sp.Integer(0)
-    return (steady - viscous).xreplace({v: sp.Abs(v) + _SLOWEST})
+    return (steady - viscous).xreplace({v: sp.Abs(v) + SLOWEST})
 
 
 @cache

@@ -11,11 +11,12 @@ import numpy as np
 from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ...orchestration.loop.shown import Table, length, shown_unit
 from ...solver.arrays import Mask, Vector
+from ..identification.identification_pictures import MOST_POINTS, PARTS
 from .causes import OUTSIDE
 from .compare import Compared
 from .corrected import ends_of_seconds
 from .diagnosis import Curves, Diagnosis, Finding
-from .experiment import COMMAND_FILE
+from .experiment import COMMAND_FILE, MOST_NAMED
 
 WORDS = {
     "none": "no fault seen",
@@ -27,14 +28,9 @@ WORDS = {
 """Verdicts for a person."""
 
 _SCALED = {"scale_of_u": "command", "scale_of_i": "current", "scale_of_x": "position"}
-_TIMES = 2.0  # shares of friction above this are written as multiples
-_FEW = 3  # suspects that a sentence lists
-_NOT_SHOWN = 1e-9  # relative change below which a value counts as unchanged
 _KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
-_MOST_POINTS = 6000
-_SHOWN = (0.002, 0.998)  # quantiles of a curve at the lower and upper end of a picture
 _MEASURED, _REST = "#000000", "#e8e8e8"
-_BINS, _LEAST_IN_BIN = 60, 20  # parts of a signal's range, and samples in each that count
+_LEAST_IN_BIN = 20  # samples that count in a part of a signal's range
 _NOISE = {"force_N": "noise in the force", "voltage_N": "noise in the voltage, as a force"}
 
 
@@ -58,8 +54,8 @@ def verdict_sentence(d: Diagnosis) -> str:
     said += [f"What is left varies {lives}; no known cause does this." for lives in d.unnamed]
     others = {n for names in d.alternatives.values() for n in names}
     if possible := [s.name for s in d.suspects if s.name not in (*others, OUTSIDE)]:
-        more = f" or {len(possible) - _FEW} more" if len(possible) > _FEW else ""
-        said.append(f"It may {'also ' * bool(names)}be {', '.join(possible[:_FEW])}{more}.")
+        more = f" or {len(possible) - MOST_NAMED} more" if len(possible) > MOST_NAMED else ""
+        said.append(f"It may {'also ' * bool(names)}be {', '.join(possible[:MOST_NAMED])}{more}.")
     said += [
         f"The {_SCALED[s.name]} fits with a factor of {s.parameters[s.name]:.3g}: check its unit."
         for s in (*d.causes, *d.suspects)[: max(len(d.causes), 1)]
@@ -106,7 +102,7 @@ def _sizes(found: Finding) -> list[str]:
 
 def of_friction(share: float) -> str:
     """A force as a share of the friction, as text."""
-    if share < _TIMES:
+    if share < 1.0:
         return f"{percent(share)} of the friction"
     return f"{share:.3g} times the friction"
 
@@ -177,17 +173,12 @@ def _next_experiment(d: Diagnosis) -> Iterator[Table]:
 
 
 def _values(d: Diagnosis) -> Table:
-    rows = [
-        (
-            name,
-            f"{d.prior.values[name]:.5g}",
-            f"{d.corrected.values[name]:.5g}",
-            f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
-            percent(d.prior.tolerance.get(name, 0.0)),
-            d.prior.units[name],
-        )
-        for name, change in d.adjustments.items()
-    ]
+    rows = []
+    for name, change in d.adjustments.items():
+        before, after = (f"{model.values[name]:.5g}" for model in (d.prior, d.corrected))
+        changed = f"{100 * change:+.2g} %" if after != before else "0"
+        tolerance = percent(d.prior.tolerance.get(name, 0.0))
+        rows.append((name, before, after, changed, tolerance, d.prior.units[name]))
     columns = ("value", "prior", "adjusted", "change", "tolerance", "unit")
     return Table("Values adjusted", columns, rows)
 
@@ -276,7 +267,7 @@ def compare_figure(found: Compared) -> Any:
         look = {"color": _MEASURED, "lw": 1.2, "label": "required by the motion"}
         force.plot(time, first.required, **look)
         some = np.flatnonzero(first.counted)
-        some = some[:: max(1, len(some) // _MOST_POINTS)]
+        some = some[:: max(1, len(some) // MOST_POINTS)]
         look = {"ms": 2.5, "color": COLOURS[5], "label": "record, while moving", "rasterized": True}
         over_velocity.plot(1e3 * v[some], first.required[some], ".", **look)
         for k, (name, t) in enumerate(found.traces.items()):
@@ -296,8 +287,8 @@ def compare_figure(found: Compared) -> Any:
         force.set(ylabel="force [N]", xlabel="time [s]")
         over_velocity.set_title("Friction over velocity", loc="left")
         over_velocity.set(xlabel="velocity [mm/s]", ylabel="friction [N]")
-        # a jump of friction makes few samples large
-        low, high = np.quantile(first.required, _SHOWN)
+        known = first.required[first.counted if first.counted.any() else ...]  # without jumps
+        low, high = known.min(), known.max()
         room = 0.1 * max(high - low, 1e-9)
         force.set_ylim(low - room, high + room)
         over_velocity.sharey(force)
@@ -320,9 +311,9 @@ def binned(x: Vector, y: Vector, keep: Mask, alike: bool = False) -> tuple[Vecto
         return np.array([np.nan]), np.array([np.nan])
     if alike:
         order = np.flatnonzero(keep)[np.argsort(x[keep], kind="stable")]
-        parts = np.array_split(order, min(2 * _BINS, max(1, len(order) // _LEAST_IN_BIN)))
+        parts = np.array_split(order, min(2 * PARTS, max(1, len(order) // _LEAST_IN_BIN)))
         return np.array([x[k].mean() for k in parts]), np.array([y[k].mean() for k in parts])
-    count, edges = np.histogram(x[keep], _BINS)
+    count, edges = np.histogram(x[keep], PARTS)
     total, _ = np.histogram(x[keep], edges, weights=y[keep])
     mean = np.where(count >= _LEAST_IN_BIN, total / np.maximum(count, 1), np.nan)
     return 0.5 * (edges[1:] + edges[:-1]), mean

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from .identification import Identification
     from .response import Response
 
-_MOST_POINTS = 6000
-_CURVE = 60  # points of a curve
+MOST_POINTS = 6000
+PARTS = 60  # of a curve
 
 
 def identification_figures(result: Identification) -> dict[str, Any]:
@@ -35,7 +35,7 @@ def identification_figures(result: Identification) -> dict[str, Any]:
     friction = fit.predicted - course.inertial
     with mpl.rc_context(STYLE):
         figure, ((over_velocity, over_way),) = new_figure(1, 2, (11, 4.6))
-        some = slice(None, None, max(1, len(course.x) // _MOST_POINTS))
+        some = slice(None, None, max(1, len(course.x) // MOST_POINTS))
         _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
         _draw_curves(over_velocity, result)
         over_velocity.set(xlabel="velocity [mm/s]", ylabel="friction [N]", title=title)
@@ -75,7 +75,7 @@ def _draw_curves(axes: Any, result: Identification) -> None:
         if result.fit.law.directional:
             values = {n + end: v for n, v in values.items()}
         values = values or {n: i.value for n, i in result.parameters.items()}
-        speeds = top * np.linspace(0.0, 1.0, _CURVE + 1)[1:] ** 2  # more points at low speed
+        speeds = top * np.linspace(0.0, 1.0, PARTS + 1)[1:] ** 2  # more points at low speed
         curve = [claim_of(result.law, "steady_state", values, s) + constant for s in speeds]
         axes.plot(1e3 * speeds, curve, ls=dash, color=COLOURS[6], lw=1.2, label=f"law, {side}")
 

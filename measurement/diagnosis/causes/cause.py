@@ -74,8 +74,7 @@ def once(courses: Courses, model: Drive) -> list[Values]:
 
 CERTAIN = 0.01
 """Spread of an amplitude around one: no half sign; half a shift would average command noise."""
-_SOME = 1e-3  # smallest command used, as a share of the largest
-_LEAST = 1e-3  # smallest remaining share of a command
+_LEAST = 1e-3  # smallest command that counts, as a share of the largest, and what remains of one
 
 
 def of_command(courses: Courses, form: Form, amplitudes: Vector) -> float:
@@ -83,7 +82,7 @@ def of_command(courses: Courses, form: Form, amplitudes: Vector) -> float:
     logs = []
     for c, change in zip(courses, form.command or [], strict=True):
         given, asked = np.abs(c.u + change @ amplitudes), np.abs(c.u)
-        some = asked > _SOME * float(np.max(asked))
+        some = asked > _LEAST * float(np.max(asked))
         logs.append(np.log(np.maximum(given[some] / asked[some], _LEAST)))
     return min(float(np.exp(np.mean(np.concatenate(logs)))), 1.0)
 

@@ -21,7 +21,7 @@ from ....solver.arrays import Vector
 from ....solver.component import TIME, Component, Parameter, symbol
 from ...identification.fitted_law import BRISTLES, assumed_damping
 from ...identification.law_along_record import SHARPNESS, force_behind
-from ..model import Drive
+from ..model import SLOWEST, WIDEST, Drive
 from ..motion import Course, with_law_force
 from .cause import (
     DRY,
@@ -73,14 +73,13 @@ LOAD_BIAS = Cause(
     entry="force of one sign",
 )
 
-_SLOWEST = sp.Float("1e-5")  # below this speed a root is replaced by a line [m/s]
 _POWERS = (0.5, 1.5, 3.0)
 
 _SIGMA3 = parameter("sigma3", "N*s^2/m^2", "quadratic viscous coefficient")
 _AT_SPEED = parameter("F_power", "N", "friction at viscous_speed minus that of the model")
 _EXPONENT = parameter("viscous_power", "1", "power of the speed", 1.0)
 _SPEED = parameter("viscous_speed", "m/s", "speed at which the force is given", 1.0)
-_PACE = sp.sqrt(_V**2 + _SLOWEST**2) / symbol(_SPEED.name)
+_PACE = sp.sqrt(_V**2 + SLOWEST**2) / symbol(_SPEED.name)
 
 
 def _powers(courses: Courses, model: Drive) -> list[Values]:
@@ -98,7 +97,6 @@ NONLINEAR_VISCOUS = Cause(
 
 _SPEEDS = 14
 _SMALL = 0.05  # bend, as a share of friction, whose effect is still proportional to it
-_DEEPEST = 0.9  # largest decrease by a bend, as a share of friction
 # the Stribeck curve from one to zero, as in the law along a record
 _BEND = stribeck(symbol("v")).xreplace(
     {symbol("Fc"): sp.Integer(0), symbol("Fs"): sp.Integer(1), symbol("Vs"): symbol("V_mismatch")}
@@ -117,7 +115,7 @@ def _bend(courses: Courses, model: Drive, values: Values) -> Form:
     if model.law not in BRISTLES:
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale
-    size = max(values.get("dF_low", 0.0), -_DEEPEST * scale)
+    size = max(values.get("dF_low", 0.0), -WIDEST * scale)
     if abs(size) < _SMALL * scale:
         size = _SMALL * scale
     bent = model.changed({**values, "dF_low": size})
