@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from ...plant import LAWS
 from ...plant.law import Law, law
+from ...plant.modified_lugre import KV
 from ...solver.arrays import Matrix, Vector
 from ...solver.component import Component, Input, symbol
 from ...solver.core import NEXT_STEP, SUFFIX, at, library
@@ -28,8 +29,7 @@ from .fitted_law import LAWS as FITTED
 
 Bounds = npt.NDArray[np.int64]
 
-SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; records give no information on it
-MOST_STATES = 32  # as in c/laws.c
+SHARPNESS = KV.default  # of the modified law [s/m]; records give no information on it
 _TOLERANCE = 1e-9
 
 
@@ -50,8 +50,8 @@ class LawEquations:
         module = LAWS[name].partition(":")[0]
         kernel = stored_kernel(part, lambda: _along(law(name), part), __name__, module)
         model = Model(kernel, tolerance=_TOLERANCE)
-        if len(model.x) > MOST_STATES:
-            raise ValueError(f"{name} has {len(model.x)} states, expected {MOST_STATES} at most")
+        if len(model.x) > (most := ct.c_int64.in_dll(_library(), "most_states").value):
+            raise ValueError(f"{name} has {len(model.x)} states, expected {most} at most")
         self._defaults = model.p.copy()
         names = [p.name for p in kernel.parameters]
         self._fitted = [names.index(n) for n in FITTED[name].parameters]

@@ -20,7 +20,7 @@ from .motion_parts import least_squares, steps_of, way_since_reversal
 
 _WORTH = 0.05  # smallest reported part, as a share of the unexplained mean square
 _NEARLY = 0.7  # a simpler part with this share of the best prediction is preferred
-_SPEEDS, _PLACES, _WAYS = 4, 10, 6  # steps
+_STEPS = 6  # over speed, way or position
 
 
 @dataclass(frozen=True)
@@ -93,12 +93,12 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     direction = np.sign(course.v)[:, None]
     since = [way_since_reversal(course.x[part], course.v[part]) for part in course.parts()]
     way, near = (np.concatenate(each) for each in zip(*since, strict=True))
-    places = steps_of(course.x, _PLACES, np.abs(course.v) > 0)
+    places = steps_of(course.x, _STEPS, np.abs(course.v) > 0)
     groups = {
         "acceleration": course.acceleration[:, None],
         "constant": np.ones((len(course.x), 1)),
-        "speed": np.hstack([steps_of(course.v, _SPEEDS, s * course.v > 0) for s in (1.0, -1.0)]),
-        "reversals": steps_of(way, _WAYS, near) * direction,
+        "speed": np.hstack([steps_of(course.v, _STEPS, s * course.v > 0) for s in (1.0, -1.0)]),
+        "reversals": steps_of(way, _STEPS, near) * direction,
         "travel": np.hstack([places, places * direction]),
     }
     fitted = {"acceleration": fit.law.mass, "constant": fit.law.offset}
@@ -118,14 +118,14 @@ def _words(name: str, amplitudes: Vector, course: StackedRecords) -> str:
     if name == "reversals":
         return "near reversals: presliding that differs from the law, or backlash"
     if name == "travel":
-        even, odd = (float(np.ptp(t)) for t in (amplitudes[:_PLACES], amplitudes[_PLACES:]))
+        even, odd = (float(np.ptp(t)) for t in (amplitudes[:_STEPS], amplitudes[_STEPS:]))
         what = "friction" if odd > even else "a force that is the same in both directions"
         change = f"{max(odd, even):.3g} N over the travel of {float(np.ptp(course.x)):.3g} m"
         return f"with the position: {what} changes by {change}"
     fast = float(np.quantile(np.abs(course.v), 0.95))
-    way, worst = divmod(int(np.argmax(np.abs(amplitudes))), _SPEEDS)
+    way, worst = divmod(int(np.argmax(np.abs(amplitudes))), _STEPS)
     side = course.v[course.v < 0 if way else course.v > 0]
-    edges = np.quantile(side, (worst + np.array([0, 1])) / _SPEEDS)
+    edges = np.quantile(side, (worst + np.array([0, 1])) / _STEPS)
     slow = float(np.abs(edges).max()) < 0.5 * fast
     what = "the Stribeck curve" if slow else "the viscous friction"
     what += " has another shape than in the law, or friction depends on the direction"

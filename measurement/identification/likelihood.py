@@ -24,8 +24,9 @@ OWN = 4  # unknowns of each single record: displacement, two of scale, vibration
 UNDER = 0.01  # share by which a fitted Fs may be below Fc
 _STEP = 1e-4  # of finite differences, in logarithms
 _LONGEST_MOVE = 0.7  # longest step of one iteration, in logarithms
-_WIDE = 3.0  # prior standard deviation of the logarithm of an unknown parameter
-_WIDE_OFFSET = 10.0  # that of an unknown constant force, over the largest force
+# prior standard deviation of the logarithm of an unknown parameter, and of an unknown constant
+# force over the largest force
+_WIDE = 3.0
 _VIBRATION = 5e-7  # that of a vibration below the sensors' noise [m/s]: 0.05 um at some Hz
 _CERTAIN = 1e-9  # that of a fixed parameter
 
@@ -142,7 +143,7 @@ class Climb:
         self.centre = np.concatenate([at, none, [math.log(course.noise)]])
         self.vector = self.centre.copy()
         wide = np.full(problem.size, _WIDE)
-        wide[problem.logarithms :] = _WIDE_OFFSET * course.level
+        wide[problem.logarithms :] = _WIDE * course.level
         wide[self.held] = _CERTAIN
         gain = course.gain_std
         of_records = course.shift_std, gain, 0.5 * gain, np.full(course.records, _VIBRATION)

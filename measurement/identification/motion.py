@@ -29,14 +29,12 @@ _REST = 40  # samples at rest added before a record that begins at rest
 _WEAKER = 0.3
 _NEAR = 25  # samples over which second differences are averaged
 _LEAST_BENDS = 0.03  # smallest mean square of second differences, as a share of the overall mean
-_FEW = 8  # fewer residuals are not used to choose the strength of smoothing
 _TELLING = 0.4  # least weight of a sample used to choose the strength of smoothing
 _SLOWEST = 60  # samples in a count beyond which the weight of its end does not grow
-_AT_REST = 1e8  # weight of the condition of rest
 _STRONGER = 10.0
 _SPAN = 5  # samples over which a speed is taken
 _SHAKEN = 2.0  # errors at speed over those at rest from which sampling instants are uncertain
-_STRONGEST = 1e10  # weight of second differences that already gives a straight line
+_STRONGEST = 1e10  # weight of a rest, and of second differences that give a straight line
 
 
 @dataclass(frozen=True)
@@ -182,7 +180,7 @@ class _Readings(NamedTuple):
         between = self.edges > 0
         passed = 0.25 * self.edges[between] * (off[1:] + off[:-1])[between] ** 2
         telling = self.weights[self.telling] * off[self.telling] ** 2
-        return max((float(np.mean(t)) for t in (telling, passed) if len(t) >= _FEW), default=0.0)
+        return max((float(np.mean(t)) for t in (telling, passed) if len(t)), default=0.0)
 
 
 def _readings(
@@ -195,7 +193,7 @@ def _readings(
     """
     n = len(data)
     weights, edges, still = np.zeros(n), np.zeros(n - 1), np.zeros(n - 1)
-    still[:before] = _AT_REST
+    still[:before] = _STRONGEST
     if resolution:
         passed = np.flatnonzero(np.diff(data))
         lengths = np.diff(np.concatenate([[before - 1], passed, [n - 1]]))

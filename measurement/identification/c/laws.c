@@ -9,6 +9,7 @@
 #include "laws_from_plant.h"
 
 #define STATES 32             /* most states of any law */
+API const int64_t most_states = STATES;
 #define SLOW 1e-6             /* velocity for laws independent of it [m/s] */
 #define MOST_STEPS 10000
 
