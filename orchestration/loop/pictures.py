@@ -86,7 +86,7 @@ def _as_file(figure: Any, kind: str, for_good: bool = False, **how: Any) -> byte
     with mpl.rc_context(STYLE | how.pop("style", {})):
         if for_good and (layout := figure.get_layout_engine()):
             layout.execute(figure)
-            figure.set_layout_engine("none")
+            figure.set_layout_engine(None)  # with "none", each file would be drawn twice
         figure.savefig(stream, format=kind, **how)
     for axes in figure.axes if for_good else ():
         for axis in (axes.xaxis, axes.yaxis):
