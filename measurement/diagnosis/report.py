@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
+from ...orchestration.loop.pictures import COLOURS, DASHES, styled_figure
 from ...orchestration.loop.shown import Table, length, shown_unit
 from ...solver.arrays import Mask, Vector
 from ..identification.identification_pictures import MOST_POINTS, PARTS
@@ -198,12 +198,9 @@ def _about(d: Diagnosis) -> Table:
 
 def diagnosis_figure(d: Diagnosis) -> Any:
     """Mean error of the force before and after, over what it may go with."""
-    import matplotlib as mpl
-
     c = d.curves
     ways = (("forwards", c.v > 0.0, "-"), ("backwards", c.v <= 0.0, "--"))
-    with mpl.rc_context(STYLE):
-        figure, grid = new_figure(2, 2, (12, 7.5))
+    with styled_figure(2, 2, (12, 7.5)) as (figure, grid):
         for axes, (name, unit, signal, alike) in zip(grid.flat, _signals(c), strict=True):
             share = 0.0
             axes.sharey(grid[0][0])
@@ -251,15 +248,12 @@ def _share(signal: Vector, error: Vector, all_: Mask, kept: Mask, x: Vector, y: 
 
 def compare_figure(found: Compared) -> Any:
     """Error of the position and the force over time, and friction over velocity."""
-    import matplotlib as mpl
-
     courses, (first, *_) = found.courses, found.traces.values()
     x, v, rests = (np.concatenate([getattr(c, n) for c in courses]) for n in ("x", "v", "rests"))
     begins = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
     time = np.concatenate([c.time + t for c, t in zip(courses, begins, strict=False)])
     last = np.array(ends_of_seconds(courses)[1:-1], dtype=int) - 1  # the state is set anew then
-    with mpl.rc_context(STYLE):
-        figure, ((off, force, over_velocity),) = new_figure(1, 3, (18, 5.5))
+    with styled_figure(1, 3, (18, 5.5)) as (figure, ((off, force, over_velocity),)):
         off.sharex(force)
         figure.suptitle(found.says[0].upper() + found.says[1:], fontsize=12)
         errors = {n: t.predicted - x for n, t in found.traces.items() if not t.why}

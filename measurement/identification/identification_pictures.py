@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
+from ...orchestration.loop.pictures import COLOURS, DASHES, styled_figure
 from .fitted_law import OFFSET, claim_of
 from .identifiability import FORWARDS
 from .identification import SIDES
@@ -21,8 +21,6 @@ PARTS = 60  # of a curve
 
 def identification_figures(result: Identification) -> dict[str, Any]:
     """Figures of friction over velocity and of the residuals, by name."""
-    import matplotlib as mpl
-
     figures = {}
     course, fit = result.course, result.fit
     open_ones = [n for n, i in result.parameters.items() if not i.identified]
@@ -33,8 +31,7 @@ def identification_figures(result: Identification) -> dict[str, Any]:
     title = f"{result.law} from {count} record{'s' if count > 1 else ''}: {word}"
     measured = course.force - course.inertial
     friction = fit.predicted - course.inertial
-    with mpl.rc_context(STYLE):
-        figure, ((over_velocity, over_way),) = new_figure(1, 2, (11, 4.6))
+    with styled_figure(1, 2, (11, 4.6)) as (figure, ((over_velocity, over_way),)):
         some = slice(None, None, max(1, len(course.x) // MOST_POINTS))
         _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
         _draw_curves(over_velocity, result)
@@ -47,8 +44,7 @@ def identification_figures(result: Identification) -> dict[str, Any]:
         over_way.set(xlabel="displacement from the start [µm]", ylabel="friction [N]")
         over_way.set_title("Presliding")
         figures["friction_map"] = figure
-
-        figure, grid = new_figure(2, 1, (9, 6))
+    with styled_figure(2, 1, (9, 6)) as (figure, grid):
         course_axes, histogram = grid[0][0], grid[1][0]
         residual = course.force - fit.predicted
         for r, part in enumerate(course.parts()):
@@ -82,16 +78,13 @@ def _draw_curves(axes: Any, result: Identification) -> None:
 
 def response_figure(result: Response) -> Any:
     """Figure of a frequency response: magnitude, phase and coherence over frequency."""
-    import matplotlib as mpl
-
     known = np.where(result.coherent, result.position, np.nan)
     rows = {
         f"position per input [m/{result.unit}]": np.abs(known),
         "phase [deg]": np.degrees(np.angle(known)),
         "coherence [1]": result.coherence,
     }
-    with mpl.rc_context(STYLE):
-        figure, grid = new_figure(3, 1, (8, 8))
+    with styled_figure(3, 1, (8, 8)) as (figure, grid):
         for (axes,), (label, values) in zip(grid, rows.items(), strict=True):
             axes.plot(result.frequency, values, color=COLOURS[0], lw=1.0)
             axes.set(xscale="log", ylabel=label)

@@ -118,9 +118,6 @@ class Reference:
         first = f"its first point is at {self.times[0]:g} s"
         return (f"the set-point does not change within this run of {stop:g} s: {first}",)
 
-    def at(self, t: float) -> float:
-        return float(self.all_at(t, (0,))[0])
-
     def all_at(self, t: float, orders: Sequence[int]) -> Vector:
         """The set-point's derivatives of these orders (0: itself) at a time [s], shape (n,)."""
         return np.array([self.on(np.array([t]), order)[0] for order in orders])

@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from runner import FOLDER, ROOT, Row
 from scipy.stats import t as student
@@ -29,7 +28,7 @@ from ballscrew.measurement.identification.identify import identify
 from ballscrew.measurement.identification.intervals import Fit
 from ballscrew.measurement.records.reading import read_force_records
 from ballscrew.measurement.records.record import Record
-from ballscrew.orchestration.loop.pictures import COLOURS, STYLE, new_figure, write_figure
+from ballscrew.orchestration.loop.pictures import COLOURS, styled_figure, write_figure
 from ballscrew.solver.arrays import Vector
 from ballscrew.solver.errors import BadRecord, UserError
 
@@ -190,8 +189,7 @@ def draw(name: str, fit: Fit, points: Sequence[Point], runs: Sequence[Point]) ->
     """Draw mean torque over speed, the fit with its band for another run, and start and stop."""
     rpm, per_cent = 60 / DRIVES[name][1], percent_of(DRIVES[name][1])
     top = max(abs(p.velocity) for p in points)
-    with mpl.rc_context(STYLE):
-        figure, ((axes,),) = new_figure(1, 1, (7.5, 4.2))
+    with styled_figure(1, 1, (7.5, 4.2)) as (figure, ((axes,),)):
         for sign, label, colour in ((1, "forwards", COLOURS[0]), (-1, "backwards", COLOURS[1])):
             speeds = np.geomspace(0.005 * top, top, 120)
             said = forecasts(fit, points, [Point("", float(sign * v), 0.0) for v in speeds])

@@ -116,7 +116,7 @@ class Pair:
 
 def by_hand(pair, times, goal):
     """What the pair does from time to time, in steps that end at jumps of the set-point, too."""
-    rows, commands, own = [START], [command(START, OWN_START, goal.at(0.0))], [OWN_START[0]]
+    rows, commands, own = [START], [command(START, OWN_START, *goal.all_at(0, [0]))], [OWN_START[0]]
     pair.held = commands[0]
     seen = {name: [] for name in ("y", "residual", "effect", "contraction")}
     for start, end in itertools.pairwise(times):
@@ -132,7 +132,7 @@ def by_hand(pair, times, goal):
                 seen[name].append(getattr(pair, name))
         rows.append(pair.y)
         own.append(pair.z[0])
-        commands.append(command(pair.y, pair.z, goal.at(end)))
+        commands.append(command(pair.y, pair.z, *goal.all_at(end, [0])))
     seen = {name: np.array(values) for name, values in seen.items()}
     return SimpleNamespace(rows=np.array(rows), commands=np.array(commands), own=own, **seen)
 

@@ -15,7 +15,7 @@ def test_linear_between_points_held_outside_and_two_rows_at_one_time_are_a_jump(
     reference, at = Reference.read(path), np.array([1.0])
     assert reference.jumps((0,)).tolist() == [1.0]
     assert [*reference.on(at, 0, before=True), *reference.on(at, 0)] == [0.1, 0.3]
-    found = [reference.at(t) for t in (0.0, 0.75, 1.5, 9.0)]
+    found = reference.on(np.array([0.0, 0.75, 1.5, 9.0]), 0).tolist()
     assert found == pytest.approx([0.0, 0.05, 0.25, 0.2])
 
 
@@ -41,5 +41,5 @@ def test_set_points_are_read_as_records_are(tmp_path):
         "Machine 7\ntime [ms];x_d [mm];v_d [mm/s];remark\n0,0;0,5;10;start\n500;1;-10\n"
     )
     reference = Reference.read(path)
-    assert reference.at(0.25) == pytest.approx(0.75e-3)
+    assert reference.all_at(0.25, [0]) == pytest.approx(0.75e-3)
     np.testing.assert_allclose(reference.velocity, [0.01, -0.01])
