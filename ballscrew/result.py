@@ -93,7 +93,7 @@ class Result:
             {name: inline(figure) for name, figure in figures.items()},
             kind=self.function.rpartition(".")[2],
             badge=self.badge,
-            good=self.good,
+            style="good" if self.good else "doubt",
             headline=self.headline(),
             doubts=list(self.doubts()),
             tables=self.tables(),

@@ -173,7 +173,7 @@ class ClosedLoopResult:
         yield _csv_rows([names])
         for first in range(0, len(run.time), ROWS):
             piece = [column[first : first + ROWS].tolist() for column in table]
-            yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))
+            yield _csv_rows(zip(*piece, strict=True))
 
     def save(self, folder: Path) -> None:
         """Write trajectory.csv, metrics.json and parameters.toml."""
@@ -183,7 +183,7 @@ class ClosedLoopResult:
         write_json(folder / "metrics.json", self.figures())
 
 
-def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:
+def _csv_rows(rows: Iterable[Iterable[str | float]]) -> bytes:
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerows(rows)
     return stream.getvalue().encode()

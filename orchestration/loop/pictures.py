@@ -38,6 +38,7 @@ STYLE: Any = {
     "axes.axisbelow": True,
     "font.size": 11,
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # else Matplotlib seeks a place above all ticks, which takes long
     "lines.linewidth": 1.8,
     "legend.frameon": False,
     "svg.hashsalt": "ballscrew",
@@ -104,17 +105,14 @@ def write_figure(figure: Any, folder: Path, stem: str) -> None:
         write_atomically(folder / f"{stem}.svg", _as_file(figure, "svg", metadata={"Date": None}))
 
 
-def inline(figure: Any) -> Any:
+def inline(figure: Any) -> str:
     """A picture as part of a page: SVG, whose text stays text, or PNG if it has many points."""
-    from markupsafe import Markup
-
     none = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     drawn = _as_file(figure, "svg", metadata=none, style={"svg.fonttype": "none"}).decode()
     if len(drawn) <= MOST:
-        drawn = drawn[drawn.index("<svg") :]
-        return Markup(re.sub('<g id="[^"]*">', "<g>", drawn))  # a page has each id once
+        return re.sub('<g id="[^"]*">', "<g>", drawn[drawn.index("<svg") :])  # each id once
     shown = base64.b64encode(getattr(figure, "png", None) or _as_file(figure, "png")).decode()
-    return Markup('<img alt="" src="data:image/png;base64,{}">').format(shown)
+    return f'<img alt="" src="data:image/png;base64,{shown}">'
 
 
 def new_figure(
@@ -216,7 +214,7 @@ def _draw_phase(axes: Any, run: LoopRun) -> None:
 
 def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
     """A figure of several controllers on the same plant."""
-    with styled_figure(3, 1, (9, 9)) as (figure, grid):
+    with styled_figure(3, 1, (9, 9), None) as (figure, grid):
         position, fine, voltage = grid[:, 0]
         runs = [result.run for result in results]
         (x, of_x, unit_of_x), (u, of_u, unit_of_u) = _shown("x", *runs), _shown("u", *runs)
@@ -239,6 +237,9 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         position.set_ylabel(labelled(x, unit_of_x))
         position.set_title("Controllers on the same plant")
         fine.set_yscale("log")
+        fine.yaxis.set_major_formatter("{x:g}")  # not as a formula, which takes long
+        if fine.get_ylim()[1] > 1e3 * fine.get_ylim()[0]:  # three ticks or more
+            fine.minorticks_off()
         fine.set_ylabel(f"distance to the set-point\n{least}")
         voltage.set_ylabel(labelled(u, unit_of_u))
         voltage.set_xlabel(_time_label(end, stop))
@@ -247,5 +248,8 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         for axes, title in ((position, ""), (voltage, "peak")):  # next to the curves, never over
             size = 8 if any("\n" in name for name in axes.get_legend_handles_labels()[1]) else None
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
+        names = max(axes.get_legend().get_window_extent().width for axes in (position, voltage))
+        right = max(0.99 - names / figure.bbox.width, 0.3)
+        figure.subplots_adjust(left=0.13, right=right, bottom=0.06, top=0.96, hspace=0.15)
         figure.align_ylabels()
     return figure
