@@ -202,7 +202,8 @@ def _group_calls(group: Group) -> Calls:
     whole, bound, addresses = struct("Group"), list[Bound](), dict[int, int]()
     for part in group.parts:
         member, ports = struct("Member"), [f.port for f in part.feeds]
-        member.set(sources=part.sources.astype(np.int64), first=part.outputs.start)
+        follows = any(map(part.instance.follows_at_once, part.instance.outputs))
+        member.set(sources=part.sources.astype(np.int64), first=part.outputs.start, follows=follows)
         bound.append(Bound(part.instance, ports, part.instance.outputs, member.part("calls")))
         addresses[id(part)] = member.address
     for name in ("parts", "there", "back"):

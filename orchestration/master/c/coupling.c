@@ -180,11 +180,10 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     return 1;
 }
 
-/* Move a controller that answers in its step, and find its true command at the end. */
-static int move_stepped(Loop *l, double t, double h, const double *before, const double *after)
+/* Find the true command at the end of a step, in which a controller that answers in it has moved. */
+static int command_after(Loop *l, double h, const double *after)
 {
     Controller *const c = &l->controller;
-    TRY(master_advance(c, t, h, l->start.at, before) && master_read_commands(c, l->late.at));
     copy(l->late.at, l->command.at, c->m);
     if (c->answer != STEPPED || !c->saves || !c->m)
         return 1;
@@ -195,7 +194,8 @@ static int move_stepped(Loop *l, double t, double h, const double *before, const
     return 1;
 }
 
-/* Move the plant, then the controller; find the reached outputs and the true command at the end. */
+/* Move the plant, then the controller if it answers at once; find the reached outputs and the true
+ * command at the end. */
 static int move_both(Loop *l, double t, double h, const double *before, const double *after)
 {
     Controller *const c = &l->controller;
@@ -205,7 +205,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
     TRY(move(&l->plant, t, h) && take_all(&l->plant, l->reached.at));
     signals_of(l, l->reached.at, end);
     if (c->answer != DIRECT)
-        return move_stepped(l, t, h, before, after);
+        return command_after(l, h, after);
     if (l->averaged) {
         for (int64_t k = 0; k < l->end.size; k++)
             l->mean.at[k] = c->real.at[k] ? 0.5 * (start[k] + end[k]) : end[k];
@@ -280,6 +280,9 @@ static int step(Loop *l, double t, double h, const double *before, const double 
         copy(l->late.at, l->applied.at, m);
     if (l->own)
         TRY(l->own(h) == 0);
+    if (l->controller.answer != DIRECT) /* its step has the signals at the start, corrected or not */
+        TRY(master_advance(&l->controller, t, h, l->start.at, before) &&
+            master_read_commands(&l->controller, l->late.at));
     if (l->corrected) {
         TRY(save_both(plant, controller, CORRECTION) && move_both(l, t, h, before, after));
         find_residual(l, h, l->first.at);

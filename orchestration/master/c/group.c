@@ -5,6 +5,7 @@ typedef struct {
     Calls calls;
     Places sources; /* place of the source of each input among the group's values */
     int64_t first;  /* place of its first output among them */
+    int64_t follows; /* whether outputs may follow inputs without a step */
 } Member;
 
 typedef struct {
@@ -39,7 +40,8 @@ API int group_set_real(Group *g, const uint32_t *places, size_t count, const dou
 API int group_get_real(Group *g, const uint32_t *places, size_t count, double *values)
 {
     for (int64_t k = 0; k < g->parts.size && g->flags.at[STALE]; k++) {
-        if (!pass_on(g, g->parts.at[k], 0, 0.0, 0.0))
+        Member *const m = g->parts.at[k];
+        if (m->follows && !pass_on(g, m, 0, 0.0, 0.0))
             return CALL_FAILED;
     }
     g->flags.at[STALE] = 0;
