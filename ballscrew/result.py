@@ -7,18 +7,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from .orchestration.loop.loop import HowCoupled, Loop, SystemLoop
-from .orchestration.loop.parameter_file import TURNS
+from .orchestration.loop.parameter_file import TURNS, Value
+from .orchestration.loop.parts import Part
 from .orchestration.loop.pictures import drawing, inline, write_figure
 from .orchestration.loop.shown import REPORT, Table, page, quantity
 from .orchestration.master.couplings import WITHOUT_FMUS
 from .solver.files import write_atomically
-
-if TYPE_CHECKING:
-    from .orchestration.loop.parameter_file import Value
-    from .orchestration.loop.parts import Part
 
 _COLUMNS = ("parameter", "value", "unit", "default", "95 % interval", "from", "meaning")
 
