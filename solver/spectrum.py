@@ -109,10 +109,10 @@ def follow_tangents(
         return _followed(model, grid, rows, farthest, collocating=True)
     start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
     run = _followed(model, grid, rows.copy(), farthest)
-    # The slow ones again, separately, if they are much slower than others.
+    # The slow ones again, separately, if they are much slower than others that do not vanish.
     mean_step = (run.time[-1] - grid[0]) / max(1.0, model.info[core.ACCEPTED] - info[core.ACCEPTED])
     with np.errstate(invalid="ignore"):
-        slow = np.abs(run.exponents) * mean_step <= SLOW
+        slow = (np.abs(run.exponents) * mean_step <= SLOW) | np.isneginf(run.exponents)
     leading = int(np.argmin(slow)) if not slow.all() else 0
     if not leading or run.failure:
         return run

@@ -47,7 +47,6 @@ AVERAGED = (
 BITS = 1.0 / math.log(2.0)  # per nat
 DIGITS = 52  # bits of a number: less is left of a direction that vanishes within a sample
 FIRST = ("x", "v")  # states of the axis that come first in the frame, as in the thesis
-LAST = ("i",)
 
 
 @dataclass(frozen=True)
@@ -289,8 +288,8 @@ def lyapunov(
         if run.failure:
             motions.append(ended(run.failure, run.diverged, float(model.info[REACHED])))
             continue
-        onward = make(min(tolerance * JUDGED * share, COARSEST))
-        if average:
+        onward = make(COARSEST * share if average else min(tolerance * JUDGED * share, COARSEST))
+        if average:  # it is judged by the motion alone, as a cell of a map
             follow_returns(onward, 0.0, stop, 0, np.inf, 0)
         else:
             onward.x[:], onward.u[:] = model.x, model.u
@@ -387,6 +386,7 @@ def loop_maker(loop: Loop, averaged: bool = False) -> Maker:
     KeyError for a parameter that does not exist.
     """
     kernel = held_loop_kernel(loop.plant.name, loop.controller.name, averaged)
+    kernel.compile()  # takes half a second, less than two tolerances and the long-term motion
     return lambda tolerance: model_of(kernel, loop, tolerance)
 
 
@@ -401,7 +401,7 @@ def loop_order(kernel: Kernel) -> list[int]:
         own = name.removeprefix(PLANT)
         if own in FIRST:
             return 0, FIRST.index(own)
-        return (2 if own in LAST else 1), k
+        return (2 if own == "i" else 1), k  # the current
 
     return sorted(range(len(names)), key=place)
 
@@ -417,7 +417,6 @@ def loop_lyapunov(
     """
     parts = loop.plant.name, loop.controller.name
     kernel = held_loop_kernel(*parts)
-    kernel.compile()  # takes half a second, less than two tolerances and the long-term motion
     make = loop_maker(loop)
     average = loop_maker(loop, averaged=True) if kernel.quantized else None
     order = loop_order(kernel)
