@@ -38,7 +38,8 @@ from .equilibria import (
 SETTLED = 1e-7  # nominal magnitudes: a smaller distance from an equilibrium counts as zero
 RESOLVED = 100.0  # tolerances: a smaller distance from an equilibrium has no certain direction
 NEAR = 100.0  # nominal magnitudes: largest distance of an equilibrium that a motion may fall to
-PATIENCE = 20_000  # steps of the solver for the approach to it
+PATIENCE = 20_000  # most steps of the solver for the approach to it
+BRIEF, RADIAN = 2000, 100  # of them in a map: so many, and for each radian by which it turns
 ROUNDS = 8
 LONGER = 4.0  # ratio of the lengths of two successive rounds
 FOLLOWED, CREPT = 90.0, 22.0  # longest times of undecided and creeping motions in a map, in runs
@@ -278,7 +279,9 @@ def _resting(
     if distance > NEAR or time + wait > until:
         return None
     state, held, events = model.x.copy(), model.u.copy(), model.info[EVENTS]
-    moved = _moved(model, time, wait) and model.info[EVENTS] == events
+    turns = float(np.abs(before.eigenvalues.imag).max()) * wait
+    patience = PATIENCE if exponents else int(min(PATIENCE, BRIEF + RADIAN * turns))
+    moved = _moved(model, time, wait, patience) and model.info[EVENTS] == events
     found = equilibrium_near(model, time + wait) if moved else None
     if found is not None and found.slowest <= 0.0:
         left = float(np.max(np.abs(model.x - found.state) / nominal))
@@ -310,12 +313,12 @@ def _ends_there(model: Model, time: float, state: Vector) -> bool:
     return bool(np.any(np.abs(there) < BORDER * np.abs(here)))
 
 
-def _moved(model: Model, time: float, wait: float) -> bool:
+def _moved(model: Model, time: float, wait: float, patience: int) -> bool:
     """Move the model on by `wait`; return whether this was possible."""
     if model.sample_time:
         return not follow_returns(model, time, time + wait, 0, np.inf, 0).failure
     try:
-        model.advance(time, time + wait, PATIENCE)
+        model.advance(time, time + wait, patience)
     except IntegrationError:
         return False
     return True

@@ -93,19 +93,19 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
     nominal = model.kernel.nominal
     linearize = _sample_map if model.sample_time else _rates
-    first, _ = linearize(model, time, model.x.copy())
     point = model.x.copy()
+    change, a = linearize(model, time, point)
+    first = change
     for _ in range(_NEWTON):
-        change, a = linearize(model, time, point)
         if not (np.isfinite(change).all() and np.isfinite(a).all()):
             return None
         step = _shortest_solution(a, change) * nominal
         point = point - step
+        change, a = linearize(model, time, point)
         if np.all(np.abs(step) <= _CLOSE * nominal):
             break
     else:
         return None
-    change, a = linearize(model, time, point)
     point = point - _shortest_solution(a, change) * nominal
     point = point + SIDE * (model.x - point)
     _, a = linearize(model, time, point)
@@ -213,9 +213,7 @@ def _holds_time(source: str, still: bool) -> bool:
 
 
 def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:
-    """The rest of a change, per second, after all decaying parts have decayed."""
-    if slowest > 0.0:
-        return 0.0
+    """The rest of a change, per second, after all decaying parts have decayed, if none grows."""
     left = change
     if slowest < 0.0 and period:
         times = max(len(a), math.ceil(FALLEN / (-slowest * period)))

@@ -309,7 +309,7 @@ def run_cell(
         lost, away, at = passes.failure, passes.diverged, passes.end
     if not lost:
         start = model.x.copy(), model.u.copy()
-        passes = follow_returns(model, begin, stop, position, np.inf, 1)
+        passes = follow_returns(model, begin, stop, 0, np.inf, 0)
         lost, away, at = passes.failure, passes.diverged, passes.end
         if plan.exponents and not lost:
             end = model.x.copy(), model.u.copy()
