@@ -33,7 +33,7 @@ COLOUR = {
 }
 Boundary = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]
 """Coordinates along x and y, and the growth of the loop while stuck, shape (y, x)."""
-_BOUNDARY_POINTS = 48
+_BOUNDARY_POINTS = 24
 BOUNDARY = "limit of stability while the block is stuck (Routh-Hurwitz)"
 _NEUTRAL = "constant for a neutral direction, rising for chaos, falling for rest"
 NO_MOTION = 1e-10  # a tenth of a nanometre

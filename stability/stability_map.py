@@ -37,7 +37,7 @@ Progress = Callable[[int, int], None]
 TIGHTER = 0.1  # share of the tolerance at which they are
 AGAIN = "a tenth of the tolerance"
 CHECKED = 0.05  # share of the cells away from borders that is computed again
-CHUNK, LEAST_CHUNKS = 96, 8  # cells in a chunk; chunks of a small map, so that all workers have one
+CHUNK, LEAST_CHUNKS = 96, 40  # cells in a chunk; chunks of a small map: workers end together
 PARTS = "map.parts"  # folder of the finished chunks of an unfinished map
 KINDS = list(Kind)
 

@@ -47,7 +47,7 @@ def test_a_command_whose_scheduler_is_killed_keeps_its_parts_and_goes_on(tmp_pat
     assert command.returncode == 2
     assert said.startswith("ballscrew: the Dask scheduler at tcp://")
     assert len(said.splitlines()) == 1
-    assert 0 < len(list(out.glob("map.parts/c0-*"))) < 5
+    assert 0 < len(list(out.glob("map.parts/c0-*"))) < 40
     for more in (["--resume"], ["--out", tmp_path / "whole"]):  # the same table as at one go
         subprocess.run([*words, "--workers", "1", *more], check=True, capture_output=True)
     tables = [(folder / "map.parquet").read_bytes() for folder in (out, tmp_path / "whole")]
