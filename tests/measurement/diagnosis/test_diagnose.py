@@ -99,7 +99,7 @@ def test_where_more_than_a_fifth_of_the_friction_would_not_be_seen_nothing_is_de
     unseen = max(2.0 * found.floor.force, found.final_residual.force) / friction
     assert found.unseen == pytest.approx(unseen, rel=0.02)
     assert found.unseen > 0.2
-    sentence = f"A fault up to {100 * found.unseen:.3g} % of the friction would not be seen."
+    sentence = f"A fault up to {found.unseen:.3g} times the friction would not be seen."
     assert sentence in verdict_sentence(found)
 
 
