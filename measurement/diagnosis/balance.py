@@ -14,7 +14,7 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 
 from ...solver.arrays import Mask, Matrix, Vector
 from ...solver.errors import BadRecord
-from ..identification.fitted_law import BRISTLES
+from ..identification.fitted_law import fitted_law
 from .causes.cause import Form
 from .model import Drive
 from .motion import Course, mean_current, position_noise, read_anew, recalibrated
@@ -122,7 +122,7 @@ def moving(course: Course, model: Drive) -> Vector:
     start is not known.
     """
     slow, still = course.silent, np.abs(course.v) < course.slowest
-    rigid = model.law not in BRISTLES
+    rigid = fitted_law(model.law).form != "bristles"
     if rigid:
         slow = slow | binary_opening(still, np.ones(2 * course.width, dtype=bool))
     rests = averaged(slow.astype(float), course.width) > 0.0

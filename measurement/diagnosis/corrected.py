@@ -20,7 +20,7 @@ from ...solver.codegen import generate
 from ...solver.component import Component, Parameter
 from ...solver.errors import ContractError
 from ...solver.kernel import IntegrationError, Kernel, Model
-from ..identification.fitted_law import LAWS
+from ..identification.fitted_law import fitted_law
 from .causes import CAUSES
 from .causes.friction import PRESLIDING, bristled
 from .model import Drive, curve_of
@@ -79,7 +79,7 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     first = [n for n in own if n not in (*PARTING, *IN_COMMAND)]
     for name in (*first, *(n for n in PARTING if n in own)):
         plant = CAUSES[name].extend(plant, curve, own[name])
-    if LAWS[drive.law].rigid:
+    if fitted_law(drive.law).rigid:
         parted = "vb" in [s.name for s in plant.states]
         plant = with_sticking(plant, *(("vb", "xb") if parted else ("v", "x")))
     plant = with_amplifier(plant) if drive.has_motor else with_command_limit(plant)

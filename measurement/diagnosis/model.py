@@ -24,7 +24,7 @@ from ...plant.two_masses import block_of
 from ...solver.arrays import Vector
 from ...solver.component import Component, symbol
 from ...solver.errors import BadParameters, BadRecord
-from ..identification.fitted_law import BRISTLES, LAWS
+from ..identification.fitted_law import fitted_law
 from ..identification.law_along_record import LawValues, mean_friction_along
 from ..records.record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 
@@ -55,7 +55,7 @@ class Drive:
     """A drive with a friction law, its prior values and their tolerances."""
 
     kind: str  # a ball screw with its motor, or a body on which ``gain*u`` acts as a force
-    law: str  # one of ``LAWS`` of the estimator
+    law: str  # one of ``LAWS`` of the plants
     values: Mapping[str, float]  # all parameters of its `plant`, SI
     tolerance: Mapping[str, float] = field(default_factory=dict)  # relative; of what is adjusted
     command: str = ""  # kind of `u`; empty: as in the records
@@ -87,7 +87,7 @@ class Drive:
 
     @property
     def law_parameters(self) -> tuple[str, ...]:
-        return LAWS[self.law].names
+        return fitted_law(self.law).names
 
     @cached_property
     def linear(self) -> Linear:
@@ -139,9 +139,10 @@ class Drive:
     @property
     def law_values(self) -> LawValues:
         """The law's values, as used along a motion."""
-        half = len(LAWS[self.law].parameters)
+        law = fitted_law(self.law)
+        half = len(law.parameters)
         q = np.array([self.values[n] for n in self.law_parameters])
-        bend = [self.values[n] for n in BEND if n in self.values and self.law in BRISTLES]
+        bend = [self.values[n] for n in BEND if n in self.values and law.form == "bristles"]
         forwards, backwards = np.append(q[:half], bend), np.append(q[-half:], bend)
         return LawValues(self.law, forwards, backwards, self.values.get("Kv", 0.0))
 

@@ -41,7 +41,7 @@ from ...solver.arrays import Vector
 from ...solver.component import symbol
 from ..records.record import Record
 from .fit_errors import sum_up
-from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of, name_and_end
+from .fitted_law import MASS, OFFSET, FittedLaw, claim_of, fitted_law, name_and_end
 from .intervals import Fit, Interval
 from .layout import StackedRecords, lay_out
 from .left_over import LeftOver, left_over
@@ -71,7 +71,7 @@ def fit_along(
     ----------
     records : sequence of Record
     law : str
-        One of `LAWS`.
+        One of `plant.LAWS`.
     course : StackedRecords, optional
         The stacked records, if already computed.
     tied : bool, optional
@@ -88,7 +88,7 @@ def fit_along(
         Called with what is being done.
     """
     guess, fixed, mass = guess or {}, fixed or {}, MASS in beside
-    own = LAWS[law]
+    own = fitted_law(law)
     apart = own.directional if tied is None else not tied
     described = replace(own, directional=apart, mass=mass, offset=OFFSET in {*beside, *fixed})
     course = lay_out(records) if course is None else course

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import sympy as sp
 
-from ...plant import LAWS as NAMES
 from ...plant.law import Estimation, claims, law
 from ...solver.arrays import Matrix, Vector
 from ...solver.component import symbol
@@ -104,7 +103,8 @@ class FittedLaw:
         return abs(static / stiffness) if stiffness else rigid
 
 
-def _fitted(name: str) -> FittedLaw:
+@cache
+def fitted_law(name: str) -> FittedLaw:
     """A law of the plants; parameters with a default of 0 are not fitted."""
     both, claim = name.removeprefix("directional_"), claims(name)
     every = law(name)(symbol("v")).parameters
@@ -113,11 +113,6 @@ def _fitted(name: str) -> FittedLaw:
     own = [p for p in one_way if p.default > 0 and p.name not in unseen]
     names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
     return FittedLaw(name, names, units, both != name, claim.stiffness is None, unseen)
-
-
-LAWS = {name: _fitted(name) for name in NAMES}
-BRISTLES = tuple(name for name, law in LAWS.items() if law.form == "bristles")
-"""LuGre and related laws."""
 
 
 def name_and_end(parameter: str) -> tuple[str, str]:

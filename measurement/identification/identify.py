@@ -12,13 +12,14 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
+from ...plant import LAWS
 from ...plant.ball_screw import PARAMETERS as AXIS
 from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
 from ...solver.errors import BadParameter, nearest
 from ..records.reading import INTEGRATED, read_force_records
 from ..records.record import FORCE, TORQUE, Record
 from .fit import fit_along, fit_late_records
-from .fitted_law import LAWS, MASS, OFFSET
+from .fitted_law import MASS, OFFSET, fitted_law
 from .identifiability import ways, which_would_do, why_not
 from .identification import SIDES, Identification
 from .intervals import Fit, Interval
@@ -35,7 +36,7 @@ def check_held(law: str, fixed: Fixed, offset: bool = False) -> None:
 
     `fixed` has values by the law's names, or `OFFSET` [N]; `offset`: a constant force is fitted.
     """
-    names, together = LAWS[law].names, LAWS[law].together
+    names, together = fitted_law(law).names, fitted_law(law).together
     for name, value in fixed.items():
         if name in together:
             others = ", ".join(n for n in together if n != name)
@@ -51,7 +52,7 @@ def check_held(law: str, fixed: Fixed, offset: bool = False) -> None:
             raise BadParameter(f"{name} is {value:g}, expected a {wanted}")
     if offset and OFFSET in fixed:
         raise BadParameter(f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; choose one")
-    if offset and LAWS[law].directional:
+    if offset and fitted_law(law).directional:
         both = f"{law} has separate friction for each direction"
         why = "which cannot be distinguished from a constant force"
         raise BadParameter(f"{both}, {why}; fix {OFFSET} at a value")
@@ -179,7 +180,7 @@ def _each_way(
     records: Records, fit: Fit, judged: Intervals, course: StackedRecords, fixed: Fixed
 ) -> tuple[dict[str, dict[str, Interval]], list[str]]:
     """Parameters of each direction, if both were recorded, and notes on them."""
-    names = LAWS[fit.law.name].parameters
+    names = fit.law.parameters
     notes: list[str] = []
     split = dict(judged)
     if not fit.law.directional:

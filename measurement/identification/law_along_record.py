@@ -24,8 +24,7 @@ from ...solver.component import Component, Input, symbol
 from ...solver.core import NEXT_STEP, SUFFIX, at, library
 from ...solver.kernel import Model
 from ...solver.stored import stored_kernel
-from .fitted_law import FORMS
-from .fitted_law import LAWS as FITTED
+from .fitted_law import FORMS, fitted_law
 
 Bounds = npt.NDArray[np.int64]
 
@@ -54,7 +53,7 @@ class LawEquations:
             raise ValueError(f"{name} has {len(model.x)} states, expected {most} at most")
         self._defaults = model.p.copy()
         names = [p.name for p in kernel.parameters]
-        self._fitted = [names.index(n) for n in FITTED[name].parameters]
+        self._fitted = [names.index(n) for n in fitted_law(name).parameters]
         outputs, start = np.zeros(len(kernel.outputs)), model.x.copy()
         friction = [o.name for o in kernel.outputs].index("friction")
         memory = model.x, model.u, model.p, outputs, model.atol, model.info
@@ -105,7 +104,7 @@ class _Law(ct.Structure):
 
 @dataclass(frozen=True)
 class LawValues:
-    """A law with its parameters by direction of motion, in the order of the estimator's ``LAWS``.
+    """A law with its parameters by direction of motion, in the order of `fitted_law`.
 
     LuGre's sigma0 depends on the direction in which the bristles are bent. With two additional
     parameters, its curve has another bend at low speed.
@@ -118,7 +117,7 @@ class LawValues:
 
     def for_c(self) -> _Law:
         """The law for compiled code; `self` must exist as long as it is used."""
-        fitted = FITTED[self.name]
+        fitted = fitted_law(self.name)
         forwards, backwards, equations = self.forwards, self.backwards, None
         if fitted.form == FORMS[-1]:
             equations = equations_of(self.name)

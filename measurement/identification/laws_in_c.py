@@ -16,6 +16,7 @@ from pathlib import Path
 
 import sympy as sp
 
+from ...plant import LAWS
 from ...plant.dahl import ROUNDING
 from ...plant.law import claims, law
 from ...plant.lugre import stribeck
@@ -24,7 +25,7 @@ from ...plant.two_masses import joint_force
 from ...solver.codegen import as_python
 from ...solver.component import ForceTerm, symbol
 from ...solver.translation import expression_in_c
-from .fitted_law import FORMS, LAWS
+from .fitted_law import FORMS, fitted_law
 
 HEADER = Path(__file__).parent / "c" / "laws_from_plant.h"
 _HEAD = """\
@@ -38,7 +39,8 @@ _S, _G, _H, _WAY, _RATIO = map(symbol, ("s", "g", "h", "way", "ratio"))
 _SCALARS = ("Fc", "Fs", "Vs", "z", "s", "v", "g", "h", "way", "Kv", "stiffness", "mass")
 _OF_ELEMENT = re.compile(r"(k|alpha)\d")
 # one law of each form with an exact step; of bristles the last, the modified law
-_OF = {law.form: law for law in LAWS.values() if law.form != FORMS[-1] and not law.directional}
+_ONCE = [law for law in map(fitted_law, LAWS) if law.form != FORMS[-1] and not law.directional]
+_OF = {law.form: law for law in _ONCE}
 
 
 def header() -> str:

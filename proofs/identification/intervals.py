@@ -21,7 +21,6 @@ import numpy as np
 from runner import Row, lower, seeds, upper
 
 from ballscrew.measurement.identification.fit import fit_along
-from ballscrew.measurement.identification.fitted_law import LAWS
 from ballscrew.measurement.identification.identify import identify
 from ballscrew.measurement.identification.intervals import Interval
 from ballscrew.measurement.identification.layout import lay_out
@@ -30,6 +29,7 @@ from ballscrew.measurement.records.record import Record
 from ballscrew.measurement.records.rig_trial import described
 from ballscrew.measurement.rig.bench import run_trial
 from ballscrew.measurement.rig.trials import TRIALS
+from ballscrew.plant import LAWS
 from ballscrew.plant.instruments.acquisition import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.solver.arrays import Vector

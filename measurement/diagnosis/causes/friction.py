@@ -19,7 +19,7 @@ from ....plant.lugre import stribeck
 from ....plant.two_masses import GAP, STIFFNESS, with_gap, with_spring
 from ....solver.arrays import Vector
 from ....solver.component import TIME, Component, Parameter, symbol
-from ...identification.fitted_law import BRISTLES, assumed_damping
+from ...identification.fitted_law import assumed_damping, fitted_law
 from ...identification.law_along_record import SHARPNESS, force_behind
 from ..model import SLOWEST, WIDEST, Drive
 from ..motion import Course, with_law_force
@@ -112,7 +112,7 @@ def _speeds(courses: Courses) -> list[float]:
 
 
 def _bend(courses: Courses, model: Drive, values: Values) -> Form:
-    if model.law not in BRISTLES:
+    if fitted_law(model.law).form != "bristles":
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale
     size = max(values.get("dF_low", 0.0), -WIDEST * scale)

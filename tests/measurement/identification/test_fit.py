@@ -11,7 +11,7 @@ from identification.records import Trial, constant_velocity, record_of, sine_vel
 from prescribed_motion import prescribed_friction
 
 from ballscrew.measurement.identification.fit import fit_along
-from ballscrew.measurement.identification.fitted_law import LAWS, assumed_damping
+from ballscrew.measurement.identification.fitted_law import assumed_damping, fitted_law
 from ballscrew.measurement.identification.identify import identify
 from ballscrew.measurement.identification.law_along_record import (
     LawValues,
@@ -50,7 +50,7 @@ TRUTHS["directional_classical"] = {
 
 
 def along(name, x, v, h):
-    names = LAWS[name].parameters
+    names = fitted_law(name).parameters
     truth = TRUTHS[name]
     one, other = (
         np.array([truth.get(f"{n}_{side}", truth.get(n, 0.0)) for n in names])
@@ -240,7 +240,7 @@ def test_the_fit_on_held_out_data_is_that_of_fits_without_each_record():
     left = []
     for k, record in enumerate(records):
         values = fit_along([*records[:k], *records[k + 1 :]], "dahl").values
-        own = np.array([values[n] for n in LAWS["dahl"].parameters])
+        own = np.array([values[n] for n in fitted_law("dahl").parameters])
         course = lay_out([record])
         motion = course.x, course.v, course.step, course.starts, np.zeros((5, 1))
         friction = friction_along(LawValues("dahl", own, own), *motion)
