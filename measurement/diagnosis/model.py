@@ -287,7 +287,7 @@ def _linear_of(kind: str) -> tuple[tuple[str, ...], Callable[..., Any]]:
     if kind == BALL_SCREW:
         rate = plant.derivative("i")
         emf = -sp.diff(rate, v) / sp.diff(rate, u)
-        (held,) = sp.solve(rate.xreplace({v: sp.Integer(0)}), i)
+        held = -rate.xreplace({v: sp.Integer(0), i: sp.Integer(0)}) / sp.diff(rate, i)
     per_ampere, per_command = sp.diff(force, i), sp.diff(force.xreplace({i: held}), u)
     numbers = (balance.inertia, block_of(plant), per_ampere, emf, per_command)
     return compiled(sp.Tuple(*numbers).xreplace({symbol("p"): _TURN / (2 * sp.pi)}))
