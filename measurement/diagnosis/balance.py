@@ -27,6 +27,7 @@ _JUMP = 0.1  # jump of the law's force between two samples, as a share of fricti
 _FEWEST = 50  # smallest number of windows in motion to judge a model
 
 Courses = Sequence[Course]
+Laws = Sequence[Vector]
 
 
 def balance(course: Course, model: Drive, friction: Vector) -> Matrix:
@@ -63,7 +64,7 @@ def balance(course: Course, model: Drive, friction: Vector) -> Matrix:
     return np.column_stack([forces, course.per_command * left_volts])
 
 
-def leftovers(courses: Courses, model: Drive, law: Sequence[Vector] | None = None) -> list[Matrix]:
+def leftovers(courses: Courses, model: Drive, law: Laws | None = None) -> list[Matrix]:
     """`balance` of each record; `law` is the friction along the records if already computed."""
     law = law or [model.friction(c.x, c.v, c.step) for c in courses]
     return [balance(c, model, friction) for c, friction in zip(courses, law, strict=True)]
@@ -90,20 +91,20 @@ def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
     return found
 
 
-def sensitivities(courses: Courses, model: Drive, usual: Sequence[Vector]) -> list[Matrix]:
+def sensitivities(courses: Courses, model: Drive, law: Laws, of_law: bool) -> list[Matrix]:
     """Effect of values and calibrations on the balances: (windows, channels, columns) per record.
 
     The columns are a relative change of each adjustable value, then a change of each
-    calibration. `usual` is the law along the records.
+    calibration. `law` is that along the records, which does not change without `of_law`.
     """
 
     def slope(name: str, of_model: bool) -> list[Matrix]:
-        law = None if of_model and name in model.law_parameters else usual
+        own = None if of_law and of_model and name in model.law_parameters else law
         ends = []
         for s in (-_STEP, _STEP):
             changed = model.changed({name: model.values[name] * (1 + s)}) if of_model else model
             those = courses if of_model else recalibrated(courses, {name: s})
-            ends.append(leftovers(those, changed, law))
+            ends.append(leftovers(those, changed, own))
         return [(a - b) / (2 * _STEP) for a, b in zip(*ends, strict=True)]
 
     columns = [slope(name, True) for name in model.adjustable]

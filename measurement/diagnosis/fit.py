@@ -264,51 +264,56 @@ def _adjusted(courses: list[Course], prior_model: Drive) -> tuple[Study, Fit]:
     return study, fit
 
 
-def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
-    """Fit of the model's own values alone; `columns` are those of `base_columns`."""
+def base_fit(study: Study, columns: Sequence[Matrix], noise: Vector) -> Fit:
+    """Fit of the model's own values alone, by `base_columns` and `noise_of`."""
     lines = study.bands.lines(columns)
-    own = products(lines, lines)[:, study.bands.used]
-    own = (own - noise_products(study, columns, own))[:, :, None]
+    own = less_noise(products(lines, lines)[:, study.bands.used], noise)[:, :, None]
     prior = Priors(*(values[None] for values in study.priors()))
     return fitted(own, study.bands, prior, study.exact)
 
 
-def base_columns(study: Study) -> list[Matrix]:
+def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
     """The signal and the columns of values, (windows, channels, 1 + columns) for each record."""
-    usual = [study.model.friction(c.x, c.v, c.step) for c in study.courses]
+    offset = study.model.values.get("offset", 0.0)
+    usual = [c.bristle + offset for c in study.courses]
     left = leftovers(study.courses, study.model, usual)
-    columns = sensitivities(study.courses, study.model, usual)
+    columns = sensitivities(study.courses, study.model, usual, of_law)
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
 
 
-def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vector:
-    """Contribution of instrument noise to products of `base_columns`; zero for the signal's square.
+def noise_of(study: Study, columns: Sequence[Matrix]) -> Vector:
+    """Contribution of instrument noise to products of `base_columns`, of the same shape.
 
     The signal and the columns have the same noise, so a fit would reduce a mass or a current only
     to reduce its noise (errors in variables; W. Fuller, "Measurement Error Models", 1987). This
-    bias is avoided by subtracting the contribution. `own` are the products of `columns`; the result
-    has the same shape.
+    bias is avoided by subtracting the contribution.
     """
     random, model = np.random.default_rng(0), study.model
     again = [read_anew(c, model, random) for c in study.courses]
-    read = base_columns(replace(study, courses=again))
+    read = base_columns(replace(study, courses=again), of_law=False)
     of_law = [1 + study.values.index(n) for n in model.adjustable if n in model.law_parameters]
     changes = [after - before for after, before in zip(read, columns, strict=True)]
     for change in changes:
         change[:, :, of_law] = 0.0  # computed along the smoothed motion, which does not change
     lines = study.bands.lines(changes)
-    noise = products(lines, lines)[:, study.bands.used]
+    return products(lines, lines)[:, study.bands.used]
+
+
+def less_noise(own: Vector, noise: Vector) -> Vector:
+    """Products less at most `_AT_MOST` of them for noise; the signal's square stays."""
     most = _AT_MOST * np.diagonal(own, axis1=2, axis2=3)
     size = np.diagonal(noise, axis1=2, axis2=3)
     room = np.divide(most, size, out=np.ones(size.shape), where=size > most)
+    noise = np.array(noise)
     noise *= np.min(room[:, :, 1:], axis=2)[:, :, None, None]
     noise[:, :, 0, 0] = 0.0
-    return np.asarray(noise)
+    return np.asarray(own - noise)
 
 
 def _moved(study: Study) -> tuple[Study, Fit]:
     """The study with better fitting values, and the fit."""
-    fit = base_fit(study, base_columns(study))
+    columns = base_columns(study)
+    fit = base_fit(study, columns, noise_of(study, columns))
     change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))
     names, prior = study.model.adjustable, study.prior_model
     values = {}

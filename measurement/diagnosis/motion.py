@@ -336,8 +336,8 @@ def _current(record: Record, v: Vector, model: Drive) -> Vector:
 
 def with_law_force(course: Course, model: Drive) -> Course:
     """The course with the law's force along it."""
-    offset = 0.0 if model.has_motor else model.values["offset"]
-    return replace(course, bristle=model.friction(course.x, course.v, course.step) - offset)
+    law = model.friction(course.x, course.v, course.step)
+    return replace(course, bristle=law - model.values.get("offset", 0.0))
 
 
 def opposing(course: Course, model: Drive) -> Vector:

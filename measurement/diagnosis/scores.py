@@ -21,7 +21,7 @@ from .bands import products
 from .causes import CAUSES, EVERY, OUTSIDE, SIGNALS
 from .causes.cause import Form
 from .causes.free_curves import free_curves
-from .fit import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
+from .fit import Fit, Priors, Study, base_columns, base_fit, fitted, less_noise, noise_of, trusted
 
 _LEAST = 1e-4  # smallest factor by which a hypothesis makes the signal smaller
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a form of known size
@@ -79,15 +79,15 @@ class Catalogue:
         for form in free_curves(courses, model):
             self.add(OUTSIDE, form)
         self.extend()
-        own = self.with_values[..., : self.values]
-        own -= noise_products(study, self.base, own)
+        self.noise, own = noise_of(study, self.base), self.with_values[..., : self.values]
+        own[...] = less_noise(own, self.noise)
 
     def without(self, forms: Sequence[Form]) -> Fit:
         """Fit of the model's own values with these forms only."""
         known = tuple(map(id, forms))
         if known not in self._fits:
-            fit = self.fit(forms[-1:], forms[:-1])[0] if forms else base_fit(self.study, self.base)
-            self._fits[known] = fit
+            alone = self.study, self.base, self.noise
+            self._fits[known] = self.fit(forms[-1:], forms[:-1])[0] if forms else base_fit(*alone)
         return self._fits[known]
 
     def add(self, name: str, form: Form) -> None:
