@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -121,7 +122,7 @@ def name_and_end(parameter: str) -> tuple[str, str]:
     return name, parameter[len(name) :]
 
 
-def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:
+def claim_of(name: str, what: str, values: Mapping[str, float], speed: Any = 1e-6) -> Any:
     """Value of a field of a law's `Claims`; 0 if the law does not claim it.
 
     Parameters
@@ -129,14 +130,17 @@ def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1
     name, what : str
     values : mapping of str to float
         Values of the fitted parameters; the others have their defaults.
-    speed : float
-        Speed [m/s].
+    speed : float or ndarray
+        Speed, or several, for each of which there is a value [m/s].
     """
     promise = getattr(claims(name), what)
     if promise is None:
         return 0.0
-    known = {p.name: p.default for p in law(name)(symbol("v")).parameters} | {"v": speed}
-    return float(sp.sympify(promise).subs({symbol(n): v for n, v in (known | {**values}).items()}))
+    known = {p.name: p.default for p in law(name)(symbol("v")).parameters} | {**values}
+    numbers = {symbol(n): value for n, value in known.items()}
+    if isinstance(speed, float):
+        return float(sp.sympify(promise).subs(numbers | {symbol("v"): speed}))
+    return sp.lambdify(symbol("v"), sp.sympify(promise).subs(numbers))(speed)
 
 
 def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0, share: float = 1.0) -> float:

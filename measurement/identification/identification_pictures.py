@@ -72,7 +72,7 @@ def _draw_curves(axes: Any, result: Identification) -> None:
             values = {n + end: v for n, v in values.items()}
         values = values or {n: i.value for n, i in result.parameters.items()}
         speeds = top * np.linspace(0.0, 1.0, PARTS + 1)[1:] ** 2  # more points at low speed
-        curve = [claim_of(result.law, "steady_state", values, s) + constant for s in speeds]
+        curve = claim_of(result.law, "steady_state", values, speeds) + np.full(PARTS, constant)
         axes.plot(1e3 * speeds, curve, ls=dash, color=COLOURS[6], lw=1.2, label=f"law, {side}")
 
 
