@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5942, 5290),
+    "solver": (5948, 5296),
     "plant": (1686, 1407),
     "controllers": (1215, 955),
     "fmus": (4970, 4446),
@@ -23,7 +23,7 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
-    "measurement": (10545, 9219),
+    "measurement": (10539, 9213),
     "proofs": (6896, 6295),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
