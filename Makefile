@@ -74,7 +74,7 @@ bench: $(VENV)/installed
 	test -x $(PEERS) || $(PYTHON) -m venv .venv-peers
 	$(PEERS) -m pip install --quiet --constraint constraints.txt "setuptools>=77" wheel
 	$(PEERS) -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
-	$(PEERS) -m pip install --quiet --constraint constraints.txt "ballscrew[test]" -r benchmarks/peers.txt
+	$(PEERS) -m pip install --quiet --constraint constraints.txt "ballscrew[test,dask]" -r benchmarks/peers.txt
 	$(PEERS) benchmarks
 
 # One for each platform, compiled here by ziglang; `WHEELS=win64` makes one.
