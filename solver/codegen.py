@@ -65,9 +65,12 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
         return str(super()._print_Pow(e, rational=rational))
 
 
+_PRINTER = _Printer({"fully_qualified_modules": True})
+
+
 def as_python(expression: sp.Basic) -> str:
     """An expression as Python over ``math``."""
-    return str(_Printer({"fully_qualified_modules": True}).doprint(expression))
+    return str(_PRINTER._print(expression))  # its ``doprint`` searches for what we do not have
 
 
 def _function(

@@ -8,9 +8,8 @@ function where its equation has a value.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
 
 import sympy as sp
 from sympy.core.numbers import ComplexInfinity, ImaginaryUnit, NaN
@@ -83,140 +82,76 @@ def slopes(expressions: Sequence[sp.Expr], by: Sequence[sp.Symbol]) -> sp.Matrix
 
 @cache
 def slope(expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
-    """The derivative of a supported expression by one symbol."""
+    """The derivative of a supported expression by one symbol.
+
+    Except at kinks it is that of SymPy's ``diff``, which repeats its checks for every part.
+    """
     if by not in symbols_in(expression):
         return sp.Integer(0)
-    return _replaced(_marked(expression).diff(by), _PLAIN)
-
-
-@cache
-def _marked(expression: sp.Expr) -> sp.Expr:
-    """With functions whose derivatives are ours, if it has kinks."""
-    kinked = any(isinstance(_power(*p.args), _Power) for p in expression.atoms(sp.Pow))
-    kinked = kinked or not _kinds_in(expression).isdisjoint(_SPECIAL)
-    return _replaced(expression, _MARKED) if kinked else expression
-
-
-def _replaced(expression: sp.Expr, table: dict[type[sp.Basic], Any]) -> sp.Expr:
-    for kind, function in table.items():
-        if kind in _kinds_in(expression):
-            expression = expression.replace(kind, function)
-    return expression
-
-
-@cache
-def _kinds_in(expression: sp.Basic) -> frozenset[type]:
-    return frozenset({type(expression)}).union(*map(_kinds_in, expression.args))
-
-
-# -- functions whose derivatives are ours ---------------------------------------------------------
-
-
-class _Marked(sp.Function):  # type: ignore[misc]
-    """A SymPy function that is not evaluated and has its own derivatives."""
-
-    is_extended_real = True
-
-    @classmethod
-    def eval(cls, *_arguments: sp.Expr) -> None:
-        return None
-
-
-class _Level(_Marked):
-    """Constant except at jumps."""
-
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        return sp.Integer(0)
-
-
-class _Sign(_Level):
-    pass
-
-
-class _Step(_Level):
-    pass
-
-
-class _Floor(_Level):
-    pass
-
-
-class _Ceiling(_Level):
-    pass
-
-
-class _Abs(_Marked):
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        return _Sign(self.args[0])
-
-
-class _Frac(_Marked):
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
+    if expression == by:
         return sp.Integer(1)
+    args = expression.args
+    if isinstance(expression, sp.Piecewise):
+        return sp.Piecewise(*((slope(e, by), condition) for e, condition in args))
+    inner = [(k, slope(a, by)) for k, a in enumerate(args) if by in symbols_in(a)]
+    if isinstance(expression, sp.Add):
+        return sp.Add(*(s for _, s in inner))
+    if isinstance(expression, sp.Mul):
+        return sp.Add(*(sp.Mul(*args[:k], s, *args[k + 1 :]) for k, s in inner))
+    if isinstance(expression, sp.Pow) and not _may_have_a_kink(*args):
+        base, exponent = args
+        by_exponent = slope(exponent, by) * sp.log(base)
+        return expression * (by_exponent + slope(base, by) * exponent / base)
+    outer = _OUTER.get(type(expression), _of_smooth)
+    return sp.Add(*(outer(expression, k) * s for k, s in inner))
 
 
-class _Mod(_Marked):
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        a, b = self.args
-        return sp.Integer(1) if argindex == 1 else -_Floor(a / b)
+# -- functions whose derivatives are ours: by one argument, given its place ------------------------
 
 
-class _Atan2(_Marked):
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        y, x = self.args
-        square = x**2 + y**2
-        nowhere = sp.Eq(square, 0)
-        return (x if argindex == 1 else -y) / sp.Piecewise((1, nowhere), (square, True))
+def _of_smooth(e: sp.Expr, k: int) -> sp.Expr:
+    return e.fdiff(k + 1)
 
 
-class _Max(_Marked):
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        shares = [sp.Piecewise((1, a >= self), (0, True)) for a in self.args]
-        return shares[argindex - 1] / sp.Add(*shares)
+def _of_atan2(e: sp.Expr, k: int) -> sp.Expr:
+    y, x = e.args
+    square = x**2 + y**2
+    nowhere = sp.Eq(square, 0)
+    return (-y if k else x) / sp.Piecewise((1, nowhere), (square, True))
 
 
-class _Min(_Marked):
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        shares = [sp.Piecewise((1, a <= self), (0, True)) for a in self.args]
-        return shares[argindex - 1] / sp.Add(*shares)
+def _of_largest(e: sp.Expr, k: int) -> sp.Expr:
+    compared = [a >= e if isinstance(e, sp.Max) else a <= e for a in e.args]
+    shares = [sp.Piecewise((1, here), (0, True)) for here in compared]
+    return shares[k] / sp.Add(*shares)
 
 
-class _Power(_Marked):
-    """A power whose base may be zero."""
-
-    def fdiff(self, argindex: int = 1) -> sp.Expr:
-        base, exponent = self.args
-        zero = sp.Eq(base, 0)
-        # a branch that is not chosen is still computed if it is shared
-        other = sp.Piecewise((1, zero), (base, True))
-        if argindex == 2:
-            return sp.Piecewise((0, zero), (other**exponent * sp.log(other), True))
-        if exponent.is_number and exponent > 1:
-            return exponent * base ** (exponent - 1)
-        at_zero = sp.Piecewise((1, sp.Eq(exponent, 1)), (0, True))
-        return sp.Piecewise((at_zero, zero), (exponent * other ** (exponent - 1), True))
+def _may_have_a_kink(base: sp.Expr, exponent: sp.Expr) -> bool:
+    """Whether the base of a power may be zero where the power has a value."""
+    if exponent.is_integer or (exponent.is_number and exponent < 0):
+        return False
+    return not (base.is_number or base.is_positive)
 
 
-def _power(base: sp.Expr, exponent: sp.Expr) -> sp.Expr:
-    never_zero = base.is_positive or base.is_number
-    if exponent.is_integer or never_zero or (exponent.is_number and exponent < 0):
-        return sp.Pow(base, exponent)
-    return _Power(base, exponent)
+def _of_power(e: sp.Expr, k: int) -> sp.Expr:
+    base, exponent = e.args
+    zero = sp.Eq(base, 0)
+    # a branch that is not chosen is still computed if it is shared
+    other = sp.Piecewise((1, zero), (base, True))
+    if k == 1:
+        return sp.Piecewise((0, zero), (other**exponent * sp.log(other), True))
+    if exponent.is_number and exponent > 1:
+        return exponent * base ** (exponent - 1)
+    at_zero = sp.Piecewise((1, sp.Eq(exponent, 1)), (0, True))
+    return sp.Piecewise((at_zero, zero), (exponent * other ** (exponent - 1), True))
 
 
-_MARKED: dict[type[sp.Basic], Any] = {
-    sp.sign: _Sign,
-    sp.Heaviside: _Step,
-    sp.ceiling: _Ceiling,
-    sp.floor: _Floor,
-    sp.Abs: _Abs,
-    sp.frac: _Frac,
-    sp.atan2: _Atan2,
-    sp.Mod: _Mod,
-    sp.Min: _Min,
-    sp.Max: _Max,
-    sp.Pow: _power,
+_OUTER: dict[type[sp.Basic], Callable[[sp.Expr, int], sp.Expr]] = {
+    **dict.fromkeys((sp.sign, sp.Heaviside, sp.floor, sp.ceiling), lambda _e, _k: sp.Integer(0)),
+    **dict.fromkeys((sp.Max, sp.Min), _of_largest),
+    sp.Abs: lambda e, _: sp.sign(e.args[0]),
+    sp.frac: lambda _e, _k: sp.Integer(1),
+    sp.Mod: lambda e, k: -sp.floor(e.args[0] / e.args[1]) if k else sp.Integer(1),
+    sp.atan2: _of_atan2,
+    sp.Pow: _of_power,
 }
-_PLAIN: dict[type[sp.Basic], Any] = {_Power: sp.Pow}
-_PLAIN |= {marked: plain for plain, marked in reversed(_MARKED.items()) if plain is not sp.Pow}
-_SPECIAL = tuple(kind for kind in _MARKED if kind is not sp.Pow)

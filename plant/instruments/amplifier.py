@@ -7,6 +7,8 @@ lowers the voltage so that the current approaches the limit with the time consta
 
 from __future__ import annotations
 
+from functools import cache
+
 import sympy as sp
 
 from ...solver.component import Component, Parameter, symbol
@@ -26,6 +28,7 @@ PARAMETERS = (
 )
 
 
+@cache
 def clip(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
     """A value limited by two others."""
     return sp.Piecewise((low, value < low), (high, value > high), (value, True))
