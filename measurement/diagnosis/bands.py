@@ -135,8 +135,7 @@ def cut(courses: Sequence[Course], model: Drive) -> Bands:
             real = 2.0 * np.array(lines)
             real[0] -= 1.0
             counts.append(np.outer(_seen(weights), real).ravel())
-    all_ = np.ones(len(counts[0]), dtype=bool)
-    bands = Bands(blocks, all_, np.array(counts), top)
+    bands = Bands(blocks, np.ones(len(counts[0]), dtype=bool), np.array(counts), top)
     return replace(bands, used=_clear(courses, model, bands))
 
 

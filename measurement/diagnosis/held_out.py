@@ -271,18 +271,18 @@ def _noise_floor(found: Explained) -> NoiseFloor:
     left = residual(*found.corrected)
     read = noise_of_readings(courses, study.model)
     along = [at_samples(c.force_variance, len(c.x), c.width) for c in courses]
-    known = np.concatenate(along)[left.telling]
-    law = math.sqrt(float(known.mean())) if len(known) else 0.0
+    law = rms(np.sqrt(np.concatenate(along)[left.telling]))
     # of each balance, if all bands had the noise of the quietest one
     levels = np.sqrt(found.variance)
     channel = np.flatnonzero(study.bands.used) // (len(EDGES) - 1)
     white = [float(levels[channel == c].min()) for c in np.unique(channel)]
     laps = [lap(c.x, c.step) for c in courses]
     # slower noise is not included, because faults are slow too
-    own = math.hypot(_repetition(left, courses, laps), study.exact) if all(laps) else white[0]
-    forces = max(own, read.force_rms)  # rounding may be the same in every lap
+    quiet = min(white[0], left.force_rms)  # white noise beyond the used bands would be left, too
+    own = math.hypot(_repetition(left, courses, laps), study.exact) if all(laps) else quiet
+    own = max(own, read.force_rms)  # rounding may be the same in every lap
     between = max([study.exact, read.by_current_rms, *white[1:]])
-    return NoiseFloor(math.hypot(forces, law), between, all(laps))
+    return NoiseFloor(math.hypot(own, law), between, all(laps))
 
 
 def _repetition(found: Residual, courses: Sequence[Course], laps: Sequence[float]) -> float:

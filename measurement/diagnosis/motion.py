@@ -19,7 +19,7 @@ from .model import Drive, midway
 from .windows import acceleration, averaged, between_samples, lagged, per_interval
 
 _HIDDEN = 0.05  # largest force error in a window due to position noise, as a share of friction
-_ROUGH = 0.1  # the same due to an interpolating encoder
+_ROUGH = 0.1  # the same due to noise of speeds, or due to an interpolating encoder
 _SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
 _OF_BAND = 0.35  # shortest window over the period of a position filter's cut-off
 _MOST_WINDOWS = 10_000
@@ -228,10 +228,10 @@ def lay_along(record: Record, model: Drive) -> Course:
 
 def _width(record: Record, model: Drive) -> int:
     """Samples between windows: long enough for the drive to respond, and for quiet positions."""
-    noise = position_noise(record)
-    # noise of the second difference of averaged positions, times the mass, relative to friction
-    share = model.linear.inertia * noise * math.sqrt(record.step) / (_HIDDEN * model.friction_scale)
-    spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
+    # noise of second and first differences of averaged positions, as a force relative to friction
+    share = position_noise(record) * math.sqrt(record.step) / model.friction_scale
+    spacing = (math.sqrt(8.0 / 3.0) * model.linear.inertia * share / _HIDDEN) ** 0.4
+    spacing = max(spacing, (math.sqrt(2.0 / 3.0) * model.damping * share / _ROUGH) ** (2.0 / 3.0))
     answers = model.linear.inertia / max(model.damping, 1e-9)
     least = min(max(answers, _SHORTEST), _SHORT)
     spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)

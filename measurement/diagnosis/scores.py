@@ -306,11 +306,11 @@ def _most_off(sure: float) -> float:
 
 
 def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
-    """Whether a machine can have these sizes."""
+    """Whether a machine can have these sizes; values wrong together are so in one direction."""
     if form.sure is not None:
         return bool(abs(amplitude[0] - 1.0) < _AT_END * _most_off(form.sure))
     if form.freed:
         least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
-        return bool(np.all(amplitude > least))
+        return bool(np.all(amplitude > least) and np.ptp(np.sign(amplitude)) < 2.0)
     # a signal that is recorded with a factor keeps its sign
     return form.name not in SIGNALS or bool(np.all(amplitude > -1.0))
