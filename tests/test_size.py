@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
-    "measurement": (10533, 9207),
+    "measurement": (10539, 9213),
     "proofs": (6896, 6295),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21938, 20933),
+    "tests": (21960, 20953),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

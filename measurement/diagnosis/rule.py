@@ -101,8 +101,8 @@ class Explained:
 def explained(study: Study, take: str | None = None) -> Explained:
     """Build in the cause `take`, then the best one that is found, each beside the earlier ones.
 
-    At the end, each gets the form that scores best together with all others. Raises `BadRecord` if
-    these records cannot show the cause `take`.
+    At the end, each gets the form that scores best together with all others, and one that gains
+    nothing beside them goes. Raises `BadRecord` if these records cannot show the cause `take`.
     """
     catalogue = Catalogue(study)
     built: list[Hypothesis] = []
@@ -110,13 +110,12 @@ def explained(study: Study, take: str | None = None) -> Explained:
     while True:
         ranked = scored(catalogue, built)
         sets.append(members_of(ranked))
-        if take is not None:
+        if take and not built:
             first = next((h for h in ranked if h.name == take), None)
             if first is None:
                 why = CAUSES[take].beyond(study.courses, study.model)
                 why = why or "none of its forms fits the records"
                 raise BadRecord(f"these records cannot show {take}: {why}")
-            take = None
         elif not sets[-1] or sets[-1][0].name == OUTSIDE or len(built) == _MOST:
             break
         else:
@@ -128,7 +127,15 @@ def explained(study: Study, take: str | None = None) -> Explained:
         better = scored(catalogue, others, only=h.name) if others else []
         if better:
             built[k] = replace(better[0], lead=h.lead, certain=h.certain, alike=h.alike)
-    return Explained(study, catalogue, built, sets, ranked[0] if ranked else None)
+    found = Explained(study, catalogue, built, sets, ranked[0] if ranked else None)
+    while True:
+        gains = [found.gain([f for f in found.forms if f is not h.form]) for h in built]
+        each = enumerate(zip(built, gains, strict=True))
+        idle = [k for k, (h, gain) in each if gain.interval[0] <= 0.0 and h.name != take]
+        if not idle:
+            return found
+        del built[idle[-1]], sets[idle[-1]]
+        found = replace(found)  # which forgets the fit with that one
 
 
 def is_found(h: Hypothesis) -> bool:

@@ -17,7 +17,14 @@ from diagnosed import nominal
 from slide_records import believed, slide_record
 from worlds import draw_case, write_case
 
-from ballscrew import compare, diagnose, identify, read_parameters
+from ballscrew import (
+    compare,
+    diagnose,
+    identify,
+    read_drive_records,
+    read_parameters,
+    run_trial,
+)
 from ballscrew.measurement.diagnosis.causes.travel import periods
 from ballscrew.measurement.diagnosis.compare import compare_records
 from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
@@ -99,7 +106,7 @@ def test_where_more_than_a_fifth_of_the_friction_would_not_be_seen_nothing_is_de
     unseen = max(2.0 * found.floor.force, found.final_residual.force) / friction
     assert found.unseen == pytest.approx(unseen, rel=0.02)
     assert found.unseen > 0.2
-    sentence = f"A fault up to {found.unseen:.3g} times the friction would not be seen."
+    sentence = f"A fault up to {100 * found.unseen:.3g} % of the friction would not be seen."
     assert sentence in verdict_sentence(found)
 
 
@@ -192,8 +199,18 @@ def test_a_hidden_effect_of_the_axis_is_built_in_alone_and_has_its_size(effect):
     assert cause.certain
     assert cause.gain_heldout > 0.5
     assert cause.gain_interval[0] > 0.0
-    assert cause.force > 0.02 * found.curves.telling.mean()
     assert found.final_residual.force < 0.5 * found.adjusted_residual.force
+
+
+def test_a_wrong_friction_is_named_from_a_trial_of_the_rig_and_noise_is_below_the_error(tmp_path):
+    """The noise of speeds times the damping of the motor is averaged out by longer windows."""
+    run_trial("2.6/6", values={"plant.Fc": 1.8}).save(tmp_path)
+    found = diagnose_records(read_drive_records([tmp_path / "record.csv"]), nominal())
+    (cause,) = found.causes
+    assert (found.verdict, cause.name, cause.certain) == ("explained", "parameter_error", True)
+    assert cause.parameters["Fc"] == pytest.approx(1.8, rel=0.03)
+    assert found.floor.force < 0.2 * found.baseline_residual.force
+    assert found.final_residual.force < 1.2 * found.floor.force
 
 
 @pytest.mark.ci
@@ -239,6 +256,15 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path, world, seed, verdict
     _, found = found_in_world(tmp_path, world, (), seed)
     assert not [c for c in found.causes if c.certain]
     assert found.verdict == verdict
+
+
+@in_a_world
+@pytest.mark.ci
+def test_what_gains_nothing_beside_a_later_cause_is_not_built_in(tmp_path):
+    """A wrong sign of the position was built in first, and let the error grow by 150 %."""
+    _, found = found_in_world(tmp_path, "slow_noise", ("sign_of_u",), 2_500_000)
+    assert found.causes
+    assert min(c.gain_interval[0] for c in found.causes) > 0.0
 
 
 @in_a_world
