@@ -34,6 +34,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ...fmus.units import base_exponents
 from ...plant.law import law as law_of
@@ -53,6 +54,7 @@ Progress = Callable[[str], None]
 
 _FAST = 0.3  # share of the fast speed above which the curve is nearly straight
 _SLOWEST = 0.005  # share of the fast speed above which the body moves
+_MET = 0.01  # largest difference of two searches' coordinates that are taken as one
 
 
 def fit_along(
@@ -106,8 +108,8 @@ def fit_along(
     held = [j for j, n in enumerate(names) if n in fixed or name_and_end(n)[0] in fixed]
     beside_it = [np.log([course.mass])] if mass else []
     beside_it += [np.array([constant])] if described.offset else []
-    climbs: list[tuple[float, Climb]] = []
-    hidden: Vector | None = None  # from the first guess, so that costs are comparable
+    found: list[tuple[float, Climb, StackedRecords]] = []
+    seen: list[Vector] = []
     for count, start in enumerate(starts, 1):
         progress(f"fitting {law}: first guess {count} of {len(starts)}")
         first = []
@@ -116,18 +118,19 @@ def fit_along(
             for given in (guess, fixed):
                 side = {n: given.get(n + end, given.get(n, v)) for n, v in side.items()}
             first.append(own.coordinates_of(np.array([*side.values()])))
-        climb = Climb(problem, np.concatenate([*first, *beside_it]), held, hidden)
-        hidden = climb.hidden
-        cost = climb.run(12)  # after five iterations the wrong one may be better
-        climbs.append((cost if math.isfinite(cost) else math.inf, climb))
-    _, best = min(climbs, key=lambda c: c[0])
-    for k in range(1, 4):
-        progress(f"fitting {law}: fit {k} of 3")
-        best.look_back()
-        best.run(25)
-        if mass:  # the law's presliding distance and break-aways depend on the mass
-            reached = math.exp(best.coordinates[problem.of_law])
-            problem.course = problem.course.with_mass(reached)
+        problem.course = course
+        climb = Climb(problem, np.concatenate([*first, *beside_it]), held)
+        cost = climb.run(12)
+        seen.append(climb.coordinates.copy())
+        if any(np.abs(seen[-1] - s).max() < _MET for s in seen[:-1]):
+            continue
+        for _ in range(3):  # with the errors of the motion at its own parameters
+            climb.look_back()
+            cost = climb.run(25)
+            if mass:  # the law's presliding distance and break-aways depend on the mass
+                problem.course = course.with_mass(math.exp(climb.coordinates[problem.of_law]))
+        found.append((cost if math.isfinite(cost) else math.inf, climb, problem.course))
+    _, best, problem.course = min(found, key=lambda c: c[0])
     return sum_up(best, fixed)
 
 
@@ -194,18 +197,17 @@ def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) 
     slid = (np.concatenate(ways) > 3.0 * yielding) & (speed > _SLOWEST * top)
     slid = slid if np.count_nonzero(slid) > 50 else speed > 0.3 * top
     found = []
-    for width in np.geomspace(_SLOWEST, 0.6, 15) * top:
+    for width in np.geomspace(_SLOWEST, 4.0, 20) * top:
         fall = np.exp(-((speed[slid] / width) ** 2))
         columns = np.column_stack([np.ones(len(fall)), speed[slid], fall])
-        amplitudes = least_squares(columns, pull[slid])
-        found.append((float(np.sum((columns @ amplitudes - pull[slid]) ** 2)), width, amplitudes))
+        found.append((*nnls(columns, pull[slid]), width))  # no part of the curve is negative
     curves: list[Start] = []
-    for _, width, (dry, viscous, peak) in sorted(found, key=lambda c: c[0]):
+    for (dry, viscous, peak), _, width in sorted(found, key=lambda c: c[1]):
         if all(abs(math.log(width / c["Vs"])) > math.log(4.0) for c in curves):
             base = max(dry, 0.05 * float(pull.max()))
             slope = max(viscous, 0.02 * base / top)
-            static = max(base + peak, 1.1 * base)
-            curves.append({"Fc": base, "Fs": static, "Vs": width, "sigma2": slope})
+            peak = max(peak, 0.1 * base)
+            curves.append({"Fc": base, "Fs": base + peak, "Vs": width, "sigma2": slope})
     return curves[:3]
 
 

@@ -134,9 +134,7 @@ class Told(NamedTuple):
 class Climb:
     """The search from a first guess of the coordinates; those in `held` stay."""
 
-    def __init__(
-        self, problem: Problem, at: Vector, held: Sequence[int] = (), hidden: Vector | None = None
-    ) -> None:
+    def __init__(self, problem: Problem, at: Vector, held: Sequence[int] = ()) -> None:
         course = problem.course
         self.problem, self.held = problem, list(held)
         none = np.zeros(course.clocks + OWN * course.records)
@@ -149,9 +147,7 @@ class Climb:
         of_records = course.shift_std, gain, 0.5 * gain, np.full(course.records, _VIBRATION)
         self.prior_std = np.concatenate([wide, problem.clock_std, *of_records, [_WIDE]])
         self.errors = np.empty((0, len(course.x)))  # of the force, by the motion's reconstruction
-        self.hidden = np.zeros(len(course.x)) if hidden is None else hidden
-        if hidden is None:
-            self.look_back()
+        self.look_back()
 
     @property
     def coordinates(self) -> Vector:
