@@ -124,7 +124,8 @@ def fit_along(
         seen.append(climb.coordinates.copy())
         if any(np.abs(seen[-1] - s).max() < _MET for s in seen[:-1]):
             continue
-        for _ in range(3):  # with the errors of the motion at its own parameters
+        for k in range(1, 4):  # with the errors of the motion at its own parameters
+            progress(f"fitting {law}: fit {k} of 3")
             climb.look_back()
             cost = climb.run(25)
             if mass:  # the law's presliding distance and break-aways depend on the mass

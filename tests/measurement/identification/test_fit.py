@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from case_inputs import strokes
+from identification.intervals import trial
 from identification.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 from prescribed_motion import prescribed_friction
 
@@ -162,6 +163,15 @@ def test_the_minimum_found_is_the_global_one():
             interval = fit.intervals[name]
             assert interval.low <= value <= interval.high, (name, interval)
             assert interval.identified or name == "sigma1"
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("law", "seed"), [("classical", 1), ("classical", 28), ("lugre", 4)])
+def test_trials_of_the_rig_give_no_friction_that_is_far_off(law, seed):
+    """Slower than friction falls, or with a near minimum, Fc was 80 and 5 half intervals off."""
+    for row in trial("closed_loop", law, seed):
+        half = np.inf if row["low"] is None else row["high"] - row["low"]
+        assert abs(row["value"] - row["truth"]) < half, row
 
 
 @pytest.mark.ci
