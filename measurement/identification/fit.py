@@ -207,7 +207,7 @@ def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) 
         if all(abs(math.log(width / c["Vs"])) > math.log(4.0) for c in curves):
             base = max(dry, 0.05 * float(pull.max()))
             slope = max(viscous, 0.02 * base / top)
-            peak = max(peak, 0.1 * base)
+            peak = np.clip(peak, 0.1 * base, float(pull.max()))  # may be that of no sample
             curves.append({"Fc": base, "Fs": base + peak, "Vs": width, "sigma2": slope})
     return curves[:3]
 

@@ -253,7 +253,7 @@ class Climb:
         """Maximize the likelihood; return the final cost."""
         damping, cost = 1e-3, self.cost(self.vector)
         free = np.setdiff1d(np.arange(len(self.vector)), self.held)
-        for _ in range(iterations):
+        for _ in range(iterations if math.isfinite(cost) else 0):
             information, slope = self.normal()
             gained = 0.0
             for _ in range(8):
