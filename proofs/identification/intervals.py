@@ -203,4 +203,6 @@ def laws_of(report: Row) -> list[Row]:
 def says(report: Row) -> str:
     some = [p for law in laws_of(report) for p in law["parameters"].values()]
     covered, rigs = (sum(p[k] for p in some) for k in ("covered", "rigs"))
-    return f"{covered} of {rigs} intervals contain the true value ({covered / rigs:.1%})"
+    less = ", ".join(name for law in laws_of(report) for name in law["not_held_by"])
+    few = f"; fewer than stated for {less}" if less else ""
+    return f"{covered} of {rigs} intervals contain the true value ({covered / rigs:.1%}){few}"
