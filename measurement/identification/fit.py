@@ -120,7 +120,7 @@ def fit_along(
             first.append(own.coordinates_of(np.array([*side.values()])))
         problem.course = course
         climb = Climb(problem, np.concatenate([*first, *beside_it]), held)
-        cost = climb.run(12)
+        climb.run(12)
         seen.append(climb.coordinates.copy())
         if any(np.abs(seen[-1] - s).max() < _MET for s in seen[:-1]):
             continue

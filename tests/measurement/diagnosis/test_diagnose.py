@@ -199,6 +199,7 @@ def test_a_hidden_effect_of_the_axis_is_built_in_alone_and_has_its_size(effect):
     assert cause.certain
     assert cause.gain_heldout > 0.5
     assert cause.gain_interval[0] > 0.0
+    assert cause.force > 0.02 * found.curves.telling.mean()
     assert found.final_residual.force < 0.5 * found.adjusted_residual.force
 
 
