@@ -1,5 +1,6 @@
 """Start of the command: from here on, an interrupt prints one line."""
 
+import atexit
 import gc
 import io
 import os
@@ -53,8 +54,8 @@ def main() -> int:
     """Run the command, supervised where the system supports it, and return its exit code."""
     _open_streams()
     gc.set_threshold(100_000, 50, 50)  # a look at all objects after each 700 takes a tenth
-    # NumPy's, on numbers that the verdict, or a note, tells of in words
-    warnings.simplefilter("ignore", RuntimeWarning)
+    atexit.register(gc.freeze)  # and so does the last one, before the process ends
+    warnings.simplefilter("ignore", RuntimeWarning)  # NumPy's, of what verdict or notes tell
     if can_supervise():
         hold_interrupts()  # until a handler exists
     from .supervision import supervised

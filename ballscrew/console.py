@@ -79,10 +79,8 @@ def print_notes(notes: Iterable[str], as_json: bool = False) -> None:
 
     words = words_for(notes)
     for note in notes:
-        if note != TURNS:
-            warn(f"note: {words(note)}")
-        elif as_json:
-            warn(f"note: {note}")
+        if note != TURNS or as_json:
+            warn(f"note: {note if note == TURNS else words(note)}")
 
 
 def print_json(figures: Any) -> None:
