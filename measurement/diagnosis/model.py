@@ -36,7 +36,6 @@ WIDEST = 0.9  # largest relative change of a value, also if its interval is wide
 SLOWEST = sp.Float("1e-5")  # speed at which a curve is evaluated instead of at rest [m/s]
 _TURN = symbol("turn")  # screw angle per travel; pi is then in the equations only once [rad/m]
 _FREED = 0.3  # relative spread of a freed value
-_MORE_MASS = 2.0  # spread of an unknown mass, relative to the total moving mass
 _FINEST = 2.5e-4  # largest step of the law between two samples [s]
 
 
@@ -113,8 +112,8 @@ class Drive:
         return abs(float(self.curve(np.zeros(1))[0]) if sliding is None else sliding)
 
     def free_spread(self, name: str) -> float:
-        """Relative spread of a freed value; larger for a mass."""
-        return _MORE_MASS * self.linear.inertia / self.values["m"] if name == "m" else _FREED
+        """Relative spread of a freed value; of a mass, the total moving mass."""
+        return self.linear.inertia / self.values["m"] if name == "m" else _FREED
 
     def changed(self, values: Mapping[str, float]) -> Drive:
         return replace(self, values={**self.values, **values})
