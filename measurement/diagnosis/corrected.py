@@ -166,7 +166,6 @@ def corrected(result: Diagnosis, plant: Component | None, file: ParameterFile) -
 # -- the predicted position --------------------------------------------------------------------
 
 _AHEAD = 1.0  # time over which a position is predicted from a known state [s]
-_TOLERANCE = 1e-6
 _BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side
 
 NOT_PREDICTED = (ContractError, IntegrationError)
@@ -246,7 +245,7 @@ class Predictor:
         values = dict(self._values)
         if course.offset_name:
             values["offset"] += course.own_offset
-        return Model(self._kernel, values, tolerance=_TOLERANCE)
+        return Model(self._kernel, values)
 
 
 def _let_go(model: Model) -> None:
