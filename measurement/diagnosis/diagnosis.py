@@ -24,14 +24,13 @@ from .causes.command import CURRENT_GAIN
 from .experiment import NextExperiment, next_experiment
 from .fit import Study, study_of
 from .held_out import HeldOut, Level, Verdict, held_out, holds
-from .model import Drive, commanded
+from .model import TOLERANCE, Drive, commanded
 from .motion import jumps_of, opposing
 from .rule import built, explained
 from .scores import Hypothesis, own_columns
 
 ANSWERED = ("none", "explained")  # verdicts with exit code 0; with the others it is 1
 
-_EXACT = 0.04  # smallest relative error of a size: laws and shapes are not exact
 _OUTSIDE = (
     "an unknown cause, not in the catalogue: friction or force that only a free curve describes"
 )
@@ -292,12 +291,12 @@ def _finding(held: HeldOut, h: Hypothesis) -> Finding:
 
 
 def _values(study: Study, h: Hypothesis) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Values and their 95 % intervals, computed by leaving out one block at a time."""
+    """Values and 95 % intervals by leaving out one block at a time, and by a value's tolerance."""
     wide = float(stdtrit(len(study.bands.blocks) - 1, 0.975))
     form, values, intervals = h.form, {}, {}
     if form.sure is not None:
         off = abs(math.log(max(float(h.amplitude[0]), 0.1)))
-        off = min(off + wide * float(h.error[0]) + h.doubt + _EXACT, 3.0)
+        off = min(off + wide * float(h.error[0]) + h.doubt + TOLERANCE, 3.0)
         for name, value in form.values.items():
             if value != 0.0:  # else this form does not have the effect; zero is not a size
                 ends = sorted((value * math.exp(-off), value * math.exp(off)))
@@ -307,7 +306,7 @@ def _values(study: Study, h: Hypothesis) -> tuple[dict[str, float], dict[str, tu
         form.freed or form.amplitudes, h.amplitude.tolist(), h.error.tolist(), strict=True
     ):
         reported, says = _reported(study, h.name, name)
-        reach = wide * error + _EXACT * abs(size)
+        reach = wide * error + TOLERANCE * abs(size)
         ends = sorted((reported(size - reach), reported(size + reach)))
         values[says], intervals[says] = reported(size), (ends[0], ends[1])
     return values | {n: float(v) for n, v in form.values.items() if n not in values}, intervals
