@@ -13,15 +13,13 @@ import scipy  # loads scipy.signal where it is used first, a third of a second
 from scipy.ndimage import binary_opening, maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from ...solver.arrays import Mask, Vector
-from ..records.examine import carried
 from ..records.record import Record, fast_noise
 from .model import Drive, midway
 from .windows import acceleration, averaged, between_samples, lagged, per_interval
 
 _HIDDEN = 0.05  # largest force error in a window due to position noise, as a share of friction
 _ROUGH = 0.1  # the same due to noise of speeds, or due to an interpolating encoder
-_SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
-_OF_BAND = 0.35  # shortest window over the period of a position filter's cut-off
+_SHORT, _LONGEST = 1e-3, 0.02  # spacing of the windows [s]
 _MOST_WINDOWS = 10_000
 _SHAKES = 4  # draws of an uncertain motion, for the variance of the law's force
 _AROUND = 5  # windows or samples
@@ -233,8 +231,7 @@ def _width(record: Record, model: Drive) -> int:
     spacing = (math.sqrt(8.0 / 3.0) * model.linear.inertia * share / _HIDDEN) ** 0.4
     spacing = max(spacing, (math.sqrt(2.0 / 3.0) * model.damping * share / _ROUGH) ** (2.0 / 3.0))
     answers = model.linear.inertia / max(model.damping, 1e-9)
-    least = min(max(answers, _SHORTEST), _SHORT)
-    spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
+    spacing = min(max(spacing, min(answers, _SHORT)), _LONGEST)
     width: int = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
     while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
         width = math.ceil(1.2 * width)
