@@ -21,7 +21,6 @@ _HIDDEN = 0.05  # largest force error in a window due to position noise, as a sh
 _ROUGH = 0.1  # the same due to noise of speeds, or due to an interpolating encoder
 _SHORT, _LONGEST = 1e-3, 0.02  # spacing of the windows [s]
 _MOST_WINDOWS = 10_000
-_SHAKES = 4  # draws of an uncertain motion, for the variance of the law's force
 _AROUND = 5  # windows or samples
 _LONGEST_REST = 0.05  # rests longer than this give no forces [s]
 _SLOW = 3e-3  # rest is slower than this share of the record's fast speeds
@@ -308,13 +307,11 @@ def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Dri
     smooth = scipy.signal.savgol_filter
     blur = np.hypot(position_noise(record) / math.sqrt(width), smooth(record.x, window, 3) - x)
     known = averaged(model.friction(x, v, record.step), width)
-    total = np.zeros(len(known))
-    for _ in range(_SHAKES):
-        shake = smooth(random.standard_normal(len(x)), window, 3) * math.sqrt(width) * blur
-        faster = v + np.gradient(shake, record.step)
-        total += (averaged(model.friction(x + shake, faster, record.step), width) - known) ** 2
+    shake = smooth(random.standard_normal(len(x)), window, 3) * math.sqrt(width) * blur
+    faster = v + np.gradient(shake, record.step)
+    change = averaged(model.friction(x + shake, faster, record.step), width) - known
     # rounding in the running sums can give values below zero
-    return np.asarray(np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0))
+    return np.asarray(np.maximum(uniform_filter1d(change**2, _AROUND), 0.0))
 
 
 def _current(record: Record, v: Vector, model: Drive) -> Vector:
