@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
-    "measurement": (10529, 9203),
+    "measurement": (10524, 9196),
     "proofs": (6898, 6297),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21969, 20961),
+    "tests": (21968, 20960),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

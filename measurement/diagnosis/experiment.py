@@ -19,22 +19,18 @@ import numpy as np
 
 from ...solver.arrays import Vector
 from ...solver.files import write_atomically
+from .bands import BLOCKS
 from .causes import EVERY, OUTSIDE
 from .model import Drive
 from .motion import Course
 from .rule import Explained
 
 COMMAND_FILE = "next_experiment.csv"
-_USED = 0.9  # of the travel, and of the largest speed and command
-_HEADROOM = 0.5  # share of the force beyond friction that is used to accelerate
-_MOST = 0.8  # share that viscous friction may take of a force, and the motion of an acceleration
-_ROWS = 1e-3  # shortest time between rows of a command file [s]
-_REST = 0.1  # rest before the motion [s]
+_USED = 0.9  # of the travel and of the largest speed, acceleration, command and viscous friction
 _SHORTEST = 12.0  # [s]
-_LOBES = 6  # parts of the oscillation, alternately at its higher and its lower frequency
+_LOBES = BLOCKS + 1  # of the oscillation, quick and slow ones; each part held out has both
 _SLOWER = 3.0  # also the length over that of the records, if a suspect is slow
 _OVER = 0.35  # amplitude of the slow motion over the travel; the oscillation has the rest
-_GOING = 0.4  # largest speed of the slow motion, as a share of the fastest speed
 _SAMPLES_A_PERIOD = 40
 MOST_NAMED = 3  # suspects in a text
 _SLOW = ("friction_drift", "resistance_drift")
@@ -66,16 +62,20 @@ def reach_of(courses: Sequence[Course]) -> Reach:
 
 
 def fastest_and_hardest(reach: Reach, model: Drive) -> tuple[float, float]:
-    """Used speed [m/s] and acceleration [m/s^2], for which the command has force by a model."""
+    """Used speed [m/s] and acceleration [m/s^2], for which the command has force by a model.
+
+    The acceleration has half of the force that dry and viscous friction leave.
+    """
     static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
     spare = _USED * abs(model.linear.per_command) * reach.command
     spare -= max([model.friction_scale, *static])  # of slow motion, break-away included
     spare -= 0.0 if model.has_motor else abs(model.values["offset"])
     fastest = _USED * reach.speed
     if spare > 0.0 and model.damping > 0.0:
-        fastest = min(fastest, _MOST * spare / model.damping)
-    hardest = _HEADROOM * (spare - model.damping * fastest) / model.linear.inertia
-    return fastest, min(reach.acceleration, hardest) if hardest > 0.0 else 0.5 * reach.acceleration
+        fastest = min(fastest, _USED * spare / model.damping)
+    possible = 0.5 * (spare - model.damping * fastest) / model.linear.inertia
+    hardest = min(reach.acceleration, possible) if possible > 0.0 else reach.acceleration
+    return fastest, _USED * hardest
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,12 @@ def survey(says: str, reach: Reach, model: Drive, lasts: float) -> NextExperimen
 
     It lasts `lasts` [s]; a minimum applies. A longer record has coarser windows, so the length of
     the present records resolves effects of milliseconds equally well. The model gives friction and
-    the force of the command.
+    the force of the command. The slow motion has at most half of the speed.
     """
-    rows = max(reach.step, _ROWS)
-    way = _USED * (reach.high - reach.low)
+    rows, way = reach.step, _USED * (reach.high - reach.low)
     fastest, hardest = fastest_and_hardest(reach, model)
-    hardest *= _MOST
     lasts = max(lasts, _SHORTEST)
-    over = min(_OVER * way, _GOING * fastest * lasts / (2 * math.pi))
+    over = min(_OVER * way, 0.5 * fastest * lasts / (2 * math.pi))
     going = 2 * math.pi / lasts * over
     beside = (0.5 - _OVER) * way
     swing = min((fastest - going) ** 2 / hardest, beside)
@@ -122,11 +120,9 @@ def survey(says: str, reach: Reach, model: Drive, lasts: float) -> NextExperimen
     rates = np.where(lobe % 2 == 0, rate, rate / _SLOWER)
     swings = np.sin(rates * (time - lobe * time[-1] / _LOBES))
     x = swing * np.sin(_LOBES * math.pi * share) ** 2 * swings - over * np.cos(2 * math.pi * share)
-    x += 0.5 * (reach.low + reach.high)
-    values = np.concatenate([np.full(max(round(_REST / rows), 1), x[0]), x])
-    time = np.asarray(rows * np.arange(len(values)), dtype=float)
+    values = x + 0.5 * (reach.low + reach.high)
     record = ["time", "u", "x", *(["i"] if model.has_motor else [])]
-    start, low, high = (f"{1e3 * float(p):.3g} mm" for p in (x[0], values.min(), values.max()))
+    start, low, high = (f"{1e3 * float(p):.3g} mm" for p in (values[0], values.min(), values.max()))
     quick, slow = (f"{r / (2 * math.pi):.3g} Hz" for r in (rate, rate / _SLOWER))
     course = (
         f"forwards and backwards over {2e3 * over:.3g} mm and in addition forwards and backwards "
