@@ -24,7 +24,6 @@ _MOST_WINDOWS = 10_000
 _AROUND = 5  # windows or samples
 _LONGEST_REST = 0.05  # rests longer than this give no forces [s]
 _SLOW = 3e-3  # rest is slower than this share of the record's fast speeds
-_JUMP, _USUAL = 4.0, 0.99  # a jump over the usual one of moving samples, and its quantile
 _OFFSETS = "offset."  # prefix of the names of the records' offsets
 
 
@@ -244,13 +243,14 @@ def _jumps(course: Course, model: Drive) -> tuple[int, ...]:
     size = np.where(first * second < 0.0, np.minimum(np.abs(first), np.abs(second)), 0.0)
     speed = np.abs(np.diff(course.record.x)) / course.step
     moves = np.minimum(speed[:-2], speed[2:]) > course.slowest
-    usual = float(np.quantile(size[moves], _USUAL)) if moves.any() else 0.0
     u = course.u
     swing = maximum_filter1d(u, _AROUND)[1:-2] - minimum_filter1d(u, _AROUND)[1:-2]
     swing = abs(model.linear.per_command) * swing + 2.0 * model.friction_scale
     possible = swing * course.step**2 / model.linear.inertia
-    least = np.maximum(possible, _JUMP * max(usual, position_noise(course.record)))
-    return tuple((np.flatnonzero(moves & (size > least)) + 2).tolist())
+    # a second difference has 6 times the variance; the largest of n normal values is nearly the
+    # root of 2 ln n
+    noise = math.sqrt(6.0 * 2.0 * math.log(len(u))) * position_noise(course.record)
+    return tuple((np.flatnonzero(moves & (size > possible + noise)) + 2).tolist())
 
 
 def jumps_of(courses: Sequence[Course]) -> Iterator[str]:
