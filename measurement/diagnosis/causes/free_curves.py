@@ -13,31 +13,15 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ....solver.arrays import Vector
+from ...identification.motion_parts import way_since_reversal
 from ..model import Drive
 from ..motion import Course
 from .cause import Form, engaged
 from .travel import Beats
 
-_TIME_KNOT = 0.35  # [s]
-_PLACE_KNOT = 4e-4  # [m]
-_MOST = 20  # functions of one rival
+_FUNCTIONS = 20  # of a curve over time or position
 _SWINGS = 3
 _SLOWEST_SWING = 5.0  # [Hz]
-REVERSAL = 5e-6  # smallest motion back that counts as a reversal [m]
-
-
-def way_since_reversal(x: Vector) -> Vector:
-    """Distance from the last reversal [m]; motions back of less than 5 um are no reversals."""
-    out = np.empty_like(x)
-    turned = extreme = x[0]
-    direction = 1.0
-    for k, place in enumerate(x):
-        if direction * (place - extreme) > 0:
-            extreme = place
-        elif direction * (extreme - place) > REVERSAL:
-            turned, direction, extreme = extreme, -direction, place
-        out[k] = abs(place - turned)
-    return out
 
 
 def free_curves(courses: Sequence[Course], model: Drive) -> list[Form]:
@@ -49,17 +33,14 @@ def free_curves(courses: Sequence[Course], model: Drive) -> list[Form]:
     begins = np.concatenate([[0.0], np.cumsum([c.time[-1] + c.step for c in courses])])
     time = [c.time + 0.5 * c.step + b for c, b in zip(courses, begins, strict=False)]
     place = [c.middle_x for c in courses]
-    logway = [np.log(way_since_reversal(c.x) + 2e-6) for c in courses]
+    logway = [np.log(way_since_reversal(c.x, c.v)[0] + 2e-6) for c in courses]
     speed = [np.log(np.abs(c.middle_v) + 1e-4) for c in courses]
-    lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
-    in_time = max(5, min(round(lasts / _TIME_KNOT), _MOST))
-    in_place = max(6, min(round(travel / _PLACE_KNOT), _MOST))
     rounded = any(Beats.of(c) for c in courses)  # rounding swings at a constant speed
     return [
-        _splines("in time", time, sign, in_time),
-        _splines("in time", time, one, in_time),
-        _splines("with position", place, sign, in_place),
-        _splines("with position", place, one, in_place),
+        _splines("in time", time, sign, _FUNCTIONS),
+        _splines("in time", time, one, _FUNCTIONS),
+        _splines("with position", place, sign, _FUNCTIONS),
+        _splines("with position", place, one, _FUNCTIONS),
         _splines("in time", time, pace, 12),
         _splines("with position", place, pace, 10),
         _splines("at reversals", logway, sign, 10),
