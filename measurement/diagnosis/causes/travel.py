@@ -21,12 +21,11 @@ _FEWEST_PERIODS = 2  # fewest periods in the travel
 _MOST_PERIODS = 250
 _SHORTEST_PERIOD = 5e-5  # [m]; shorter periods are errors of the encoder
 _FINER = 5  # frequencies tried per additional period in the travel
-_CELLS = 4096  # cells in the travel: 16 in the shortest period
-_PEAKS = 6  # number of peaks with most power relative to their surroundings
-_STRONGEST = 3  # number of peaks with most power; a fast one may lie between its own multiples
+_CELLS = 4 * _MOST_PERIODS  # cells in the travel
+_PEAKS = 6  # number of peaks with most power, and of those with most relative to surroundings
 _AROUND = 75  # width of the surroundings, in fifths of a period in the travel
 _CONSTANT = 0.05  # largest relative deviation of a constant speed
-_HARMONICS, _BESIDE = 4, 3.0  # harmonics of rounding, and half-width around each
+_HARMONICS = 4  # of rounding
 
 
 def waves(
@@ -70,7 +69,7 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     def known(swing: float) -> bool:
         if turns and abs(swing - 0.5 * turns * max(round(2.0 * swing / turns), 1)) > apart:
             return False
-        return not any(b.have(n * swing, _BESIDE * apart) for b in rounding for n in (1, 2))
+        return not any(b.have(n * swing, 1.0 / way) for b in rounding for n in (1, 2))
 
     turning = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
     found = list(filter(known, turning))
@@ -128,7 +127,8 @@ def _strongest(power: Vector, known: Mask) -> list[int]:
     power = np.where(known, power, 0.0)
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
     steepest, strongest = (inner[np.argsort(-p[inner])] for p in (rises, power))
-    return sorted({*steepest[:_PEAKS].tolist(), *strongest[:_STRONGEST].tolist()})
+    # a fast one may lie between its own multiples
+    return sorted({*steepest[:_PEAKS].tolist(), *strongest[:_PEAKS].tolist()})
 
 
 def _along_way(course: Course, flips: bool) -> Vector:
@@ -160,7 +160,6 @@ def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
 
 
 _TREND_SHARE = "trend_viscous_share"
-_WORN_FROM = (-0.4, 0.0, 0.4)  # start of the worn end, over half the travel
 _AT_END = "friction at the end of the travel minus that in its middle, as a share"
 _SLOPE = parameter("friction_slope", "1", _AT_END)
 _BOW = parameter("friction_bow", "1", "friction at both ends minus that in the middle, as a share")
@@ -181,11 +180,7 @@ def _over_travel(middle: str, half: str, *powers: Parameter) -> Mechanism:
 
 def _worn_ends(courses: Courses, model: Drive) -> list[Values]:
     middle, half = middle_and_half(courses)
-    return [
-        {"x_worn": middle + k * half, "way_worn": way * (1 - way * k) * half}
-        for k in _WORN_FROM
-        for way in (1.0, -1.0)
-    ]
+    return [{"x_worn": middle, "way_worn": way} for way in (half, -half)]
 
 
 _INTO = (symbol("x") - symbol("x_worn")) / symbol("way_worn")
@@ -205,19 +200,20 @@ POSITION_TREND_FRICTION = Cause(
 )
 
 
-_PER_TURN = (1, 2)  # periods per turn of the screw
+_PER_TURN = 8  # most periods per turn of the screw
 _SLOWLY = "move slowly over a few turns in both directions: the periodic part "
 
 
-def _periods_of(per_metre: str, tried: Sequence[int]) -> tuple[tuple[Parameter], Grid]:
+def _periods_of(per_metre: str, harmonics: tuple[int, ...]) -> tuple[tuple[Parameter], Grid]:
     """The parameter of a swing over position, and its values to try."""
     constant = parameter(per_metre, "1/m", "periods per metre", 1.0)
+    tried = range(1, _PER_TURN // harmonics[-1] + 1)
     return (constant,), lambda courses, model: periods(courses, model, per_metre, tried)
 
 
 def _friction_swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:
     swings = waves("friction", "1", "share of friction with the {}", per_metre, harmonics)
-    known = _periods_of(per_metre, _PER_TURN)
+    known = _periods_of(per_metre, harmonics)
     return of_friction("periodic_viscous_share", swings, *known, per_record=True)
 
 
@@ -233,22 +229,22 @@ POSITION_PERIODIC_FRICTION = Cause(
 
 
 def _force_swinging(
-    name: str, per_metre: str, harmonics: tuple[int, ...], tried: range, acting: bool = False
+    name: str, per_metre: str, harmonics: tuple[int, ...], acting: bool = False
 ) -> Mechanism:
     """A ripple of the force; if `acting`, as a share of the acting force."""
     unit, of = ("1", -ACTING) if acting else ("N", sp.Integer(1))
     swings = waves(name, unit, "swing with the {} of the angle", per_metre, harmonics)
     forces = {p: of * wave for p, wave in swings.items()}
-    return force(forces, *_periods_of(per_metre, tried), per_record=True)
+    return force(forces, *_periods_of(per_metre, harmonics), per_record=True)
 
 
 TORQUE_RIPPLE = Cause(
     "torque_ripple",
     "the drive's force varies periodically with the motor's angle, the same in both directions",
     (
-        _force_swinging("ripple", "ripples_per_metre", (1,), range(1, 9)),
-        _force_swinging("ripple", "double_ripples_per_metre", (1, 2), range(1, 5)),
-        _force_swinging("constant_ripple", "constant_ripples_per_metre", (1,), range(1, 7), True),
+        _force_swinging("ripple", "ripples_per_metre", (1,)),
+        _force_swinging("ripple", "double_ripples_per_metre", (1, 2)),
+        _force_swinging("constant_ripple", "constant_ripples_per_metre", (1,), True),
     ),
     confirm=_SLOWLY + "keeps its sign",
 )
