@@ -35,7 +35,7 @@ _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
 WIDEST = 0.9  # largest relative change of a value, also if its interval is wider than the value
 SLOWEST = sp.Float("1e-5")  # speed at which a curve is evaluated instead of at rest [m/s]
 _TURN = symbol("turn")  # screw angle per travel; pi is then in the equations only once [rad/m]
-_FREED = 0.3  # relative spread of a freed value
+SPREAD = 0.3  # relative; of a value that is freed, and of a size on a grid
 _FINEST = 2.5e-4  # largest step of the law between two samples [s]
 
 
@@ -113,7 +113,7 @@ class Drive:
 
     def free_spread(self, name: str) -> float:
         """Relative spread of a freed value; of a mass, the total moving mass."""
-        return self.linear.inertia / self.values["m"] if name == "m" else _FREED
+        return self.linear.inertia / self.values["m"] if name == "m" else SPREAD
 
     def changed(self, values: Mapping[str, float]) -> Drive:
         return replace(self, values={**self.values, **values})

@@ -21,7 +21,7 @@ from ....solver.arrays import Vector
 from ....solver.component import TIME, Component, Parameter, symbol
 from ...identification.fitted_law import assumed_damping, fitted_law
 from ...identification.law_along_record import SHARPNESS, force_behind
-from ..model import SLOWEST, WIDEST, Drive
+from ..model import SLOWEST, SPREAD, TOLERANCE, WIDEST, Drive
 from ..motion import Course, with_law_force
 from .cause import (
     DRY,
@@ -73,7 +73,7 @@ LOAD_BIAS = Cause(
     entry="force of one sign",
 )
 
-_POWERS = (0.5, 1.5, 3.0)
+_POWERS = (0.5, 1.5)  # below and above one; others are found between and beyond
 
 _SIGMA3 = parameter("sigma3", "N*s^2/m^2", "quadratic viscous coefficient")
 _AT_SPEED = parameter("F_power", "N", "friction at viscous_speed minus that of the model")
@@ -88,15 +88,14 @@ def _powers(courses: Courses, model: Drive) -> list[Values]:
 
 
 _SHAPE = _V / symbol(_SPEED.name) * _PACE ** (symbol(_EXPONENT.name) - 1)
+_OF_POWER = force({_AT_SPEED: _SHAPE}, (_EXPONENT, _SPEED), _powers, _EXPONENT.name)
 NONLINEAR_VISCOUS = Cause(
     "nonlinear_viscous",
     "friction at high speed is not proportional to the speed",
-    (force({_SIGMA3: _V * sp.Abs(_V)}), force({_AT_SPEED: _SHAPE}, (_EXPONENT, _SPEED), _powers)),
+    (force({_SIGMA3: _V * sp.Abs(_V)}), _OF_POWER),
     confirm="constant speeds up to the highest: friction over speed is not a straight line",
 )
 
-_SPEEDS = 14
-_SMALL = 0.05  # bend, as a share of friction, whose effect is still proportional to it
 # the Stribeck curve from one to zero, as in the law along a record
 _BEND = stribeck(symbol("v")).xreplace(
     {symbol("Fc"): sp.Integer(0), symbol("Fs"): sp.Integer(1), symbol("Vs"): symbol("V_mismatch")}
@@ -104,11 +103,14 @@ _BEND = stribeck(symbol("v")).xreplace(
 
 
 def _speeds(courses: Courses) -> list[float]:
-    """Characteristic speeds within the range of the record."""
+    """Characteristic speeds within the range of the record, an octave apart or less."""
     speeds = np.abs(np.concatenate([c.v for c in courses]))
     high = 0.5 * float(np.quantile(speeds, 0.98))
     low = max(0.03 * high, float(np.quantile(speeds, 0.05)))
-    return [float(v) for v in np.geomspace(low, high, _SPEEDS)] if high > 1.2 * low else []
+    if high <= low:
+        return []
+    octaves = math.ceil(math.log2(high / low))
+    return [float(v) for v in np.geomspace(low, high, octaves + 1)]
 
 
 def _bend(courses: Courses, model: Drive, values: Values) -> Form:
@@ -116,8 +118,8 @@ def _bend(courses: Courses, model: Drive, values: Values) -> Form:
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale
     size = max(values.get("dF_low", 0.0), -WIDEST * scale)
-    if abs(size) < _SMALL * scale:
-        size = _SMALL * scale
+    if abs(size) < TOLERANCE * scale:  # the effect is still proportional to such a small bend
+        size = TOLERANCE * scale
     bent = model.changed({**values, "dF_low": size})
     forces = [((with_law_force(c, bent).bristle - c.bristle) / size)[:, None] for c in courses]
     return Form(("dF_low",), force=forces, values=values)
@@ -152,9 +154,7 @@ STRIBECK_MISMATCH = Cause(
 
 # -- changes in time: linear, exponential, as a step, or with a recorded temperature -----------
 
-# a change that is very fast, or at the very end, is a constant value for nearly the entire record
-_SETTLING = (0.15, 0.25, 0.45)  # time constants, as shares of the record
-_STEPS = 16  # parts of a record; a step is not in the first two or the last
+_SHARES = 2.0 ** -np.arange(0.5, 3.5, 0.5)  # of a record: times to try of a step or a settling
 _SUDDEN = 0.01  # duration of a step [s]
 
 
@@ -176,11 +176,10 @@ def _courses(name: str, line: str, of: Callable[..., Mechanism]) -> tuple[Mechan
     settling, step = f"{name}_settling_time", f"{name}_step_time"
     settles = 1 - sp.exp(-TIME / symbol(settling))
     steps = (1 + sp.tanh((TIME - symbol(step)) / _SUDDEN)) / 2
-    parts = np.arange(2, _STEPS - 1) / _STEPS
     return (
         one("drift", line, "time of that growth", TIME / symbol(line), np.ones(1)),
-        one("settling", settling, "time constant of that growth", settles, np.array(_SETTLING)),
-        one("step", step, "time of that change", steps, parts),
+        one("settling", settling, "time constant of that growth", settles, _SHARES),
+        one("step", step, "time of that change", steps, _SHARES),
     )
 
 
@@ -251,7 +250,7 @@ RESISTANCE_DRIFT = Cause(
 
 
 def joint(
-    kind: str, varied: Parameter, build: Callable[[Component], Component], grid: Grid, sure: float
+    kind: str, varied: Parameter, build: Callable[[Component], Component], grid: Grid
 ) -> Mechanism:
     """A joint with one parameter; `kind` as in `force_behind`."""
 
@@ -261,7 +260,7 @@ def joint(
             behind = force_behind(kind, model.law_values, c.x, c.v, c.step, size, block)
             rigid = c.bristle + model.linear_friction * c.middle_v + block * c.mean_a
             forces.append((behind - rigid)[:, None])
-        return Form((varied.name,), force=forces, values=values, sure=sure)
+        return Form((varied.name,), force=forces, values=values, sure=SPREAD)
 
     return Mechanism((varied,), at, grid, lambda plant, curve, cause: build(plant), varied.name)
 
@@ -276,7 +275,7 @@ def _gap_grid(courses: Courses, model: Drive) -> list[Values]:
 BACKLASH = Cause(
     "backlash",
     "backlash: at each reversal the screw turns through a gap before it moves the block",
-    (joint("gap", GAP, with_gap, _gap_grid, sure=0.2),),
+    (joint("gap", GAP, with_gap, _gap_grid),),
     confirm="reverse slowly and record the current: it is near zero until the gap is closed",
 )
 
@@ -293,7 +292,7 @@ def _spring_grid(courses: Courses, model: Drive) -> list[Values]:
 COMPLIANCE = Cause(
     "compliance",
     "something elastic lies between the encoder and the block",
-    (joint("spring", STIFFNESS, with_spring, _spring_grid, sure=0.3),),
+    (joint("spring", STIFFNESS, with_spring, _spring_grid),),
     confirm="a sensor on the block in addition to the encoder: their readings differ when the "
     "force reverses",
     entry="softer at reversal",
@@ -301,7 +300,6 @@ COMPLIANCE = Cause(
 
 
 PRESLIDING = "presliding_hysteresis"
-_RATIOS = (0.35, 0.0)  # bristle damping over critical damping, in addition to one
 _WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # presliding distances [m]
 
 
@@ -316,15 +314,14 @@ def _stiffnesses(courses: Courses, model: Drive) -> list[Values]:
     return [{"sigma0": model.friction_scale / float(way)} for way in _WAYS]
 
 
-def _less_damped(courses: Courses, model: Drive) -> list[Values]:
-    ways = _stiffnesses(courses, model)
-    return [{**v, "damping_ratio": ratio} for ratio in _RATIOS for v in ways]
+def _undamped(courses: Courses, model: Drive) -> list[Values]:
+    return [{**v, "damping_ratio": 0.0} for v in _stiffnesses(courses, model)]
 
 
 def _bristles(courses: Courses, model: Drive, values: Values) -> Form:
     bent = bristled(model, **values)
     forces = [(with_law_force(c, bent).bristle - c.bristle)[:, None] for c in courses]
-    return Form(("sigma0",), force=forces, values=values, sure=0.3)
+    return Form(("sigma0",), force=forces, values=values, sure=SPREAD)
 
 
 def _has_bristles(courses: Courses, model: Drive) -> str | None:
@@ -339,7 +336,7 @@ PRESLIDING_HYSTERESIS = Cause(
     "describe",
     (
         Mechanism((_STIFFNESS,), _bristles, _stiffnesses, refined="sigma0"),
-        Mechanism((_STIFFNESS, _RATIO), _bristles, _less_damped, refined="sigma0"),
+        Mechanism((_STIFFNESS, _RATIO), _bristles, _undamped, refined="sigma0"),
     ),
     confirm="small slow movements forwards and backwards: force over position is a hysteresis loop",
     beyond=_has_bristles,
