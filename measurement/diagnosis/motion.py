@@ -19,7 +19,7 @@ from .windows import acceleration, averaged, between_samples, lagged, per_interv
 
 _HIDDEN = 0.05  # largest force error in a window due to position noise, as a share of friction
 _ROUGH = 0.1  # the same due to noise of speeds, or due to an interpolating encoder
-_SHORT, _LONGEST = 1e-3, 0.02  # spacing of the windows [s]
+_SHORT, LONGEST = 1e-3, 0.02  # spacing of the windows [s]
 _MOST_WINDOWS = 10_000
 _AROUND = 5  # windows or samples
 _LONGEST_REST = 0.05  # rests longer than this give no forces [s]
@@ -229,9 +229,9 @@ def _width(record: Record, model: Drive) -> int:
     spacing = (math.sqrt(8.0 / 3.0) * model.linear.inertia * share / _HIDDEN) ** 0.4
     spacing = max(spacing, (math.sqrt(2.0 / 3.0) * model.damping * share / _ROUGH) ** (2.0 / 3.0))
     answers = model.linear.inertia / max(model.damping, 1e-9)
-    spacing = min(max(spacing, min(answers, _SHORT)), _LONGEST)
+    spacing = min(max(spacing, min(answers, _SHORT)), LONGEST)
     width: int = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
-    while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
+    while width * record.step < LONGEST and _rough(record, width, model) > _ROUGH:
         width = math.ceil(1.2 * width)
     return width
 

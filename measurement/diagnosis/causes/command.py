@@ -18,13 +18,12 @@ from ....plant.instruments.late_command import with_command_behind, with_late_co
 from ....solver.arrays import Vector
 from ....solver.component import Component, Parameter, symbol
 from ...records.record import fast_noise
-from ..model import Drive
-from ..motion import Course
+from ..model import SPREAD, Drive
+from ..motion import LONGEST, Course
 from ..windows import lagged
 from .cause import CERTAIN, Cause, Courses, Form, Mechanism, Values, of_command, parameter, voltage
 
 _SHARES = 2.0 ** np.arange(-5.0, 12.0)  # delays over a sampling interval
-_LONGEST = 5e-3  # longest delay [s]; at least eight samples
 
 
 def late(u: Vector, delay: float, step: float) -> Vector:
@@ -70,12 +69,12 @@ def _late_by(
         return lost > changed
 
     def grid(courses: Courses, model: Drive) -> list[Values]:
-        longest = max(8.0 * courses[0].step, _LONGEST)
+        longest = max(_SHIFTS[-1] * courses[0].step, LONGEST)
         return [{name: float(t)} for t in _SHARES * courses[0].step if t <= longest]
 
     def at(courses: Courses, model: Drive, values: Values) -> Form:
         command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
-        return Form((name,), command=command, values=values, sure=0.35)
+        return Form((name,), command=command, values=values, sure=SPREAD)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
         return built(plant, replace(time, minimum=1e-7))
@@ -111,10 +110,8 @@ INPUT_DELAY = Cause(
 
 # limits over the largest command; the last one cuts nothing and is the end of the search
 _LEVELS = np.r_[np.geomspace(0.02, 0.36, 12), 1.0 - np.geomspace(0.6, 0.001, 24), 1.0]
-_SAGS = (0.1, 0.3, 1.0)  # resistance of a supply over that of the motor
+_SAGS = 2.0 ** -np.arange(4.0)  # resistance of a supply over that of the motor
 _SCALES = np.geomspace(0.02, 12.0, 17)  # scales over the largest command; a bend, not a limit
-_SURE = 0.3
-_OFTEN, _DEEP = 0.2, 1.25  # a limit cuts noise: least share of cut samples, most excess
 _U, _LIMIT, _SCALE = map(symbol, ("u", "voltage_limit", "voltage_scale"))
 
 
@@ -131,17 +128,20 @@ def _scales(courses: Courses, model: Drive) -> list[Values]:
 
 
 def _cuts_noise(courses: Courses, values: Values) -> bool:
-    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
-    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
-    cut = asked > 1.0
-    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
+    """Whether a limit cuts less than the noise of the samples that it cuts, in squares."""
+    lost = changed = 0.0
+    for c in courses:
+        cut = np.maximum(np.abs(c.u) - values["voltage_limit"], 0.0)
+        lost += np.count_nonzero(cut) * fast_noise(c.u) ** 2
+        changed += float(cut @ cut)
+    return 0.0 < changed < 2.0 * lost  # the noise is a part of the change
 
 
 def _sags(courses: Courses, model: Drive) -> list[Values]:
     if not model.has_motor:
         return []
     return [
-        {"voltage_limit": float(level), "supply_resistance": share * model.values["R"]}
+        {"voltage_limit": float(level), "supply_resistance": float(share) * model.values["R"]}
         for share in _SAGS
         for level in _largest(courses) * _LEVELS[::3]
     ]
@@ -167,9 +167,9 @@ VOLTAGE_SATURATION = Cause(
     "voltage_saturation",
     "the amplifier gives less voltage than the largest commands demand",
     (
-        voltage({_U: _CLIPPED}, (_HARD,), _limits, sure=_SURE, cuts_noise=_cuts_noise),
-        voltage({_U: _SCALE * sp.tanh(_U / _SCALE)}, (_SOFT,), _scales, sure=_SURE),
-        voltage({_U: _SAGGING}, (_HARD, _SUPPLY), _sags, "", _SURE, _drawn, _cuts_noise),
+        voltage({_U: _CLIPPED}, (_HARD,), _limits, sure=SPREAD, cuts_noise=_cuts_noise),
+        voltage({_U: _SCALE * sp.tanh(_U / _SCALE)}, (_SOFT,), _scales, sure=SPREAD),
+        voltage({_U: _SAGGING}, (_HARD, _SUPPLY), _sags, "", SPREAD, _drawn, _cuts_noise),
     ),
     confirm="measure the motor's voltage at the largest command",
     smaller=of_command,
