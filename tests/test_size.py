@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2800, 2295),
     "ballscrew": (3500, 2894),
     "gallery": (2728, 2354),
-    "measurement": (10500, 9173),
+    "measurement": (10498, 9171),
     "proofs": (6898, 6297),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21966, 20958),
+    "tests": (21968, 20960),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

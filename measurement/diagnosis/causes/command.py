@@ -112,6 +112,7 @@ INPUT_DELAY = Cause(
 _LEVELS = np.r_[np.geomspace(0.02, 0.36, 12), 1.0 - np.geomspace(0.6, 0.001, 24), 1.0]
 _SAGS = 2.0 ** -np.arange(4.0)  # resistance of a supply over that of the motor
 _SCALES = np.geomspace(0.02, 12.0, 17)  # scales over the largest command; a bend, not a limit
+_OFTEN, _DEEP = 0.2, 1.25  # a limit cuts noise: least share of cut samples, most excess
 _U, _LIMIT, _SCALE = map(symbol, ("u", "voltage_limit", "voltage_scale"))
 
 
@@ -128,13 +129,10 @@ def _scales(courses: Courses, model: Drive) -> list[Values]:
 
 
 def _cuts_noise(courses: Courses, values: Values) -> bool:
-    """Whether a limit cuts less than the noise of the samples that it cuts, in squares."""
-    lost = changed = 0.0
-    for c in courses:
-        cut = np.maximum(np.abs(c.u) - values["voltage_limit"], 0.0)
-        lost += np.count_nonzero(cut) * fast_noise(c.u) ** 2
-        changed += float(cut @ cut)
-    return 0.0 < changed < 2.0 * lost  # the noise is a part of the change
+    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
+    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
+    cut = asked > 1.0
+    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
 
 
 def _sags(courses: Courses, model: Drive) -> list[Values]:

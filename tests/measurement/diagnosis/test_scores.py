@@ -173,11 +173,13 @@ def test_a_gain_is_the_removed_share_with_its_jackknife():
     assert found.interval == pytest.approx((2 / 3 - reach, 2 / 3 + reach))
 
 
-@pytest.mark.parametrize(("level", "cuts"), [(5.0, True), (6.5, False), (0.0, False)])
-def test_a_limit_of_5_V_at_the_level_of_a_command_only_cuts_its_noise_of_1_V(level, cuts):
-    """Squares of half a normal distribution, or of what is beyond the limit, or of nothing."""
-    noise = np.random.default_rng(0).standard_normal(1000)
-    courses, limit = [SimpleNamespace(u=noise - level)], {"voltage_limit": 5.0}
+@pytest.mark.parametrize(
+    ("share", "excess", "cuts"), [(0.25, 1.2, True), (0.25, 1.3, False), (0.15, 1.2, False)]
+)
+def test_a_limit_that_cuts_many_samples_by_little_only_cuts_noise(share, excess, cuts):
+    """More than a fifth of the samples, by less than a quarter of the limit."""
+    u = np.where(np.arange(1000) < 1000 * share, -excess * 5.0, 4.0)
+    courses, limit = [SimpleNamespace(u=u)], {"voltage_limit": 5.0}
     assert CAUSES["voltage_saturation"].mechanisms[0].cuts_noise(courses, limit) == cuts
 
 
