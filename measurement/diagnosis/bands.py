@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # loads scipy.signal where it is used first, a third of a second
 from scipy.fft import rfft
 
 from ...solver.arrays import Mask, Matrix, Vector
@@ -127,7 +126,9 @@ def cut(courses: Sequence[Course], model: Drive) -> Bands:
         moves = moving(c, model)
         doubt = _doubt(c, model, exact, moves)
         for first, last in itertools.pairwise(ends):
-            taper = scipy.signal.windows.tukey(last - first, TAPER) * moves[first:last]
+            at = 2.0 * np.arange(last - first) / TAPER / max(last - first - 1, 1)
+            off = np.minimum(at - 1.0, 0.0) + np.maximum(at + (1.0 - 2.0 / TAPER), 0.0)
+            taper = 0.5 * (1.0 + np.cos(np.pi * off)) * moves[first:last]
             weights = np.column_stack([taper * doubt[first:last], *[taper] * c.has_current])
             step, own = c.width * c.step, slice(first, last)
             blocks.append(Block(r, own, slice(*next(samples)), weights, step))

@@ -66,8 +66,7 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     for name in own:
         if name not in CAUSES:
             raise ContractError(f"no cause {name!r}; there are {', '.join(CAUSES)}")
-        because = CAUSES[name].beyond((), drive)
-        if because:
+        if because := CAUSES[name].beyond((), drive):
             raise ContractError(f"{name}: {because}")
     values = {n: v for numbers in own.values() for n, v in numbers.items()}
     drive = _with_law_of(drive, own)
@@ -104,10 +103,8 @@ def _with_law_of(drive: Drive, found: Mapping[str, Mapping[str, float]]) -> Driv
 def _last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
     """The values without record numbers in their names; the last record's, if each has its own."""
 
-    def number(key: str) -> int:
-        return int(key.partition(".")[2] or 0)
-
-    return {key.partition(".")[0]: values[key] for key in sorted(values, key=number)}
+    keys = sorted(values, key=lambda key: int(key.partition(".")[2] or 0))
+    return {key.partition(".")[0]: values[key] for key in keys}
 
 
 def corrected(result: Diagnosis, plant: Component | None, file: ParameterFile) -> ParameterFile:
@@ -201,8 +198,7 @@ class Predictor:
         Only the `seconds`, (first, end), are predicted if they are given; other samples are NaN.
         `states` are those of `states`, if they are known already. Raises one of `NOT_PREDICTED`.
         """
-        if states is None:
-            states = self.states(course)
+        states = self.states(course) if states is None else states
         if seconds is None:
             seconds = list(itertools.pairwise(ends_of_seconds([course])))
         model, command, out = self._along(course), course.given_u, np.full(len(course.x), np.nan)

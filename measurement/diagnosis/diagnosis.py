@@ -302,9 +302,8 @@ def _values(study: Study, h: Hypothesis) -> tuple[dict[str, float], dict[str, tu
                 ends = sorted((value * math.exp(-off), value * math.exp(off)))
                 intervals[name] = (ends[0], ends[1])
         return dict(form.values), intervals
-    for name, size, error in zip(
-        form.freed or form.amplitudes, h.amplitude.tolist(), h.error.tolist(), strict=True
-    ):
+    names = form.freed or form.amplitudes
+    for name, size, error in zip(names, h.amplitude.tolist(), h.error.tolist(), strict=True):
         reported, says = _reported(study, h.name, name)
         reach = wide * error + TOLERANCE * abs(size)
         ends = sorted((reported(size - reach), reported(size + reach)))

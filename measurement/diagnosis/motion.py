@@ -9,13 +9,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # loads scipy.signal where it is used first, a third of a second
-from scipy.ndimage import binary_opening, maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy import linalg, ndimage
 
 from ...solver.arrays import Mask, Vector
 from ..records.record import Record, fast_noise
 from .model import Drive, midway
-from .windows import acceleration, averaged, between_samples, lagged, per_interval
+from .windows import acceleration, averaged, between_samples, carried_on, lagged, per_interval
 
 _HIDDEN = 0.05  # largest force error in a window due to position noise, as a share of friction
 _ROUGH = 0.1  # the same due to noise of speeds, or due to an interpolating encoder
@@ -100,8 +99,8 @@ class Course:
     @cached_property
     def rests(self) -> Mask:
         """Samples in long rests, shape (n,); any force below break-away may act there."""
-        length = max(round(_LONGEST_REST / self.step), 2)
-        return np.asarray(binary_opening(np.abs(self.v) < self.slowest, np.ones(length, bool)))
+        slow, length = np.abs(self.v) < self.slowest, max(round(_LONGEST_REST / self.step), 2)
+        return np.asarray(ndimage.binary_opening(slow, np.ones(length, bool)))
 
     @cached_property
     def silent(self) -> Mask:
@@ -132,8 +131,7 @@ class Course:
         mean = (1.0 - kept) / self.answers
         back = kept - (1.0 - kept) * mean / (1.0 - mean)
         moved, gain = self.moved_v, (1.0 - kept) / (1.0 - mean)
-        end, _ = scipy.signal.lfilter([gain], [1.0, -back], moved, zi=[back * moved[0]])
-        change = np.diff(end, prepend=moved[0]) / self.step
+        change = np.diff(carried_on(moved[:1], gain * moved, back)) / self.step
         return np.asarray(averaged(change, self.width) - self.measured_a)
 
     @property
@@ -244,7 +242,7 @@ def _jumps(course: Course, model: Drive) -> tuple[int, ...]:
     speed = np.abs(np.diff(course.record.x)) / course.step
     moves = np.minimum(speed[:-2], speed[2:]) > course.slowest
     u = course.u
-    swing = maximum_filter1d(u, _AROUND)[1:-2] - minimum_filter1d(u, _AROUND)[1:-2]
+    swing = ndimage.maximum_filter1d(u, _AROUND)[1:-2] - ndimage.minimum_filter1d(u, _AROUND)[1:-2]
     swing = abs(model.linear.per_command) * swing + 2.0 * model.friction_scale
     possible = swing * course.step**2 / model.linear.inertia
     # a second difference has 6 times the variance; the largest of n normal values is nearly the
@@ -268,8 +266,18 @@ def jumps_of(courses: Sequence[Course]) -> Iterator[str]:
 def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:
     """Smoothed position and velocity from noisy positions."""
     window = min(4 * width + 1, len(x) // 2 * 2 - 1)
-    smooth = scipy.signal.savgol_filter
-    return smooth(x, window, 3), smooth(x, window, 3, deriv=1, delta=step)
+    return _cubics(x, window), _cubics(x, window, 1, step)
+
+
+def _cubics(values: Vector, window: int, slope: int = 0, step: float = 1.0) -> Vector:
+    """Values or slopes of cubics, each fitted to the samples around (A. Savitzky and M. Golay)."""
+    half, at = window // 2, np.arange(float(window))
+    weights, *_ = linalg.lstsq((half - at) ** np.arange(4.0)[:, None], np.eye(4)[slope] / step)
+    out = ndimage.convolve1d(values, weights, mode="constant")
+    for whole, end in ((slice(window), slice(half)), (slice(-window, None), slice(-half, None))):
+        cubic = np.polyder(np.polyfit(at, values[whole], 3), slope)
+        out[end] = np.polyval(cubic, at[end]) / step
+    return np.asarray(out)
 
 
 def shaken(course: Course, random: np.random.Generator) -> Course:
@@ -304,14 +312,13 @@ def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Dri
     """Variance of the law's force due to noise and smoothing of the motion, (windows,) [N^2]."""
     random = np.random.default_rng(0)
     window = min(8 * width + 1, len(x) // 2 * 2 - 1)
-    smooth = scipy.signal.savgol_filter
-    blur = np.hypot(position_noise(record) / math.sqrt(width), smooth(record.x, window, 3) - x)
+    blur = np.hypot(position_noise(record) / math.sqrt(width), _cubics(record.x, window) - x)
     known = averaged(model.friction(x, v, record.step), width)
-    shake = smooth(random.standard_normal(len(x)), window, 3) * math.sqrt(width) * blur
+    shake = _cubics(random.standard_normal(len(x)), window) * math.sqrt(width) * blur
     faster = v + np.gradient(shake, record.step)
     change = averaged(model.friction(x + shake, faster, record.step), width) - known
     # rounding in the running sums can give values below zero
-    return np.asarray(np.maximum(uniform_filter1d(change**2, _AROUND), 0.0))
+    return np.asarray(np.maximum(ndimage.uniform_filter1d(change**2, _AROUND), 0.0))
 
 
 def _current(record: Record, v: Vector, model: Drive) -> Vector:

@@ -102,9 +102,7 @@ def _sizes(found: Finding) -> list[str]:
 
 def of_friction(share: float) -> str:
     """A force as a share of the friction, as text."""
-    if share < 1.0:
-        return f"{percent(share)} of the friction"
-    return f"{share:.3g} times the friction"
+    return f"{percent(share)} of the friction" if share < 1.0 else f"{share:.3g} times the friction"
 
 
 def percent(share: float) -> str:
@@ -126,15 +124,10 @@ def _before_and_after(d: Diagnosis) -> Table:
         *([("with the causes found *", d.final_residual)] if d.causes else []),
         ("noise alone", d.floor),
     )
-    rows = [
-        (
-            name,
-            f"{level.force:.4g} N",
-            percent(level.force / d.friction),
-            "-" if level.position is None else length(level.position),
-        )
-        for name, level in levels
-    ]
+    rows = []
+    for name, level in levels:
+        position = "-" if level.position is None else length(level.position)
+        rows.append((name, f"{level.force:.4g} N", percent(level.force / d.friction), position))
     says = "* On data that neither the choice nor the fit has seen."
     if d.causes:
         low, high = map(percent, d.gain_interval)

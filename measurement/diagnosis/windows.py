@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-import scipy  # loads scipy.signal where it is used first, a third of a second
+from scipy.linalg.lapack import dgtsv
 
 from ...solver.arrays import Matrix, Vector
 
@@ -89,10 +89,16 @@ def lagged(command: Matrix, time_constant: float, step: float) -> Matrix:
     if time_constant <= 0.0:
         return command
     kept = math.exp(-step / time_constant)
-    start = command[:1]  # steady state
-    before, _ = scipy.signal.lfilter([1.0 - kept], [1.0, -kept], command, axis=0, zi=kept * start)
-    state = np.concatenate([start, before[:-1]])
+    state = carried_on(command[:1], (1.0 - kept) * command[:-1], kept)  # from steady state
     return np.asarray(command + _late_share(step, time_constant) * (state - command))
+
+
+def carried_on(start: Matrix, more: Matrix, kept: float) -> Matrix:
+    """States that are `kept` of the one before and some `more`, shape (1 + n, ...)."""
+    given = np.concatenate([start, more])
+    ones = np.ones(len(given))
+    *_, states, _ = dgtsv(-kept * ones[1:], ones, 0.0 * ones[1:], given)
+    return np.asarray(states.reshape(given.shape))
 
 
 def between_samples(

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import cumulative_trapezoid
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
@@ -219,8 +218,8 @@ def check_record(
     if _POSITIONS & signals.keys():
         signals.pop(VELOCITY, None)
     else:
-        x = cumulative_trapezoid(signals[VELOCITY], dx=step, initial=0.0)
-        signals["x"] = np.asarray(x, dtype=float)
+        v = signals[VELOCITY]
+        signals["x"] = np.append(0.0, np.cumsum(step * (v[1:] + v[:-1]) / 2.0))
     _check_sizes(name, signals, command, use, said)
     notes = [lost, mended, INTEGRATED if VELOCITY in signals else ""]
     return Record(name, signals, step, command, notes=tuple(filter(None, notes)))
