@@ -22,7 +22,7 @@ from .windows import at_samples, averaged, lagged, per_interval, windows
 
 EXACT = 3e-3  # smallest noise, as a share of the friction: friction laws are not exact
 AROUND_REST = 3  # number of windows excluded on each side of a rest; at the start, twice as many
-_STEP = 1e-3  # step of finite differences, relative to a value
+_STEP = float(np.cbrt(np.finfo(float).eps))  # relative, of central differences
 _JUMP = 0.1  # jump of the law's force between two samples, as a share of friction
 _FEWEST = 50  # smallest number of windows in motion to judge a model
 

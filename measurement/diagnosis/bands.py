@@ -27,7 +27,7 @@ from .windows import averaged, windows
 BLOCKS = 5  # number of blocks, held out one at a time; with more records than this, one per record
 
 # edges of the bands [Hz]: two octaves each; machine noise is nearly constant within that
-EDGES = (0.0, 0.5, 2.0, 8.0, 32.0, 128.0, 512.0, np.inf)
+EDGES = (0.0, *(0.5 * 4.0 ** np.arange(6)), np.inf)
 
 TAPER = 0.1  # share of a block in the cosine ends of a Tukey window
 

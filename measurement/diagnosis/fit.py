@@ -32,8 +32,7 @@ exact (coarsened posterior; J. Miller and D. Dunson, JASA 114, 2019)."""
 
 COMMANDED = 2e-4  # error of a command over its rms: about one bit of a 12-bit converter
 
-_WEIGHINGS = 6  # iterations of the bands' weights
-_WEIGHINGS_MORE = 4  # the same without one of the blocks
+_WEIGHINGS = 4  # iterations of the bands' weights
 _TINY = 1e-9  # share of a column's own square for a flat prior, and of a slope that is none
 _STEPS = 4  # most steps of the active set per amplitude
 _AT_MOST = 0.9  # largest share of noise in a column
@@ -137,7 +136,7 @@ def fitted(products: Vector, bands: Bands, prior: Priors, exact: float) -> Fit:
     for q in blocks:
         rest = blocks != q
         found, of_rest = _with_noise(
-            products[rest], counts[rest], prior, exact, (whole, variance), _WEIGHINGS_MORE
+            products[rest], counts[rest], prior, exact, (whole, variance), _WEIGHINGS
         )
         ways.append(found.amplitude)
         left = _left(products[q : q + 1], found.amplitude)[0]

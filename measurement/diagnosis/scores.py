@@ -23,9 +23,7 @@ from .causes.cause import Form
 from .causes.free_curves import free_curves
 from .fit import Fit, Priors, Study, base_columns, base_fit, fitted, less_noise, noise_of, trusted
 
-_LEAST = 1e-4  # smallest factor by which a hypothesis makes the signal smaller
-_AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a form of known size
-_AT_END = 0.99
+_AROUND_ONE = 0.5  # largest deviation of the amplitude of a form of known size from one
 _REFINED = 3  # halvings of a grid's spacing
 
 
@@ -177,7 +175,7 @@ class Catalogue:
         for form in (f for f in forms if not f.freed):
             one = (0.0, 0.0, math.inf)
             if form.sure is not None:
-                one = (1.0, form.sure**-2.0, _most_off(form.sure))
+                one = (1.0, form.sure**-2.0, _AROUND_ONE)
             parts += [Priors(*map(np.array, one))] * len(form.columns)
         return Priors(*map(np.hstack, zip(*parts, strict=True)))
 
@@ -233,7 +231,7 @@ def smaller_by(study: Study, form: Form, amplitude: Vector) -> Vector:
     smaller = EVERY[form.name].smaller if form.name in EVERY else None
     if smaller is None:
         return np.ones(len(of_force))
-    factor = max(smaller(study.courses, form, amplitude), _LEAST)
+    factor = max(smaller(study.courses, form, amplitude), np.finfo(float).eps)
     return np.where(of_force & study.courses[0].by_current, 1.0, factor)
 
 
@@ -300,15 +298,10 @@ def _spacing(form: Form, forms: Sequence[Form]) -> float:
     return float(near.min()) if len(near) else 0.0
 
 
-def _most_off(sure: float) -> float:
-    """Largest deviation of an amplitude from one."""
-    return min(_AROUND_ONE, _SPREADS * sure)
-
-
 def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
     """Whether a machine can have these sizes; values wrong together are so in one direction."""
     if form.sure is not None:
-        return bool(abs(amplitude[0] - 1.0) < _AT_END * _most_off(form.sure))
+        return not np.isclose(abs(amplitude[0] - 1.0), _AROUND_ONE)
     if form.freed:
         least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
         return bool(np.all(amplitude > least) and np.ptp(np.sign(amplitude)) < 2.0)
