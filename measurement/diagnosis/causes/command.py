@@ -213,6 +213,7 @@ SIGN_OF_U = Cause(
     "the recorded command has the wrong sign",
     (_of_command("sign_of_u", -2.0, CERTAIN),),
     confirm="command a small positive voltage and check the direction of motion",
+    entry="wrong sign",
 )
 
 
@@ -297,4 +298,5 @@ SIGN_OF_X = Cause(
     "the recorded position has the wrong sign",
     (_of_motion("sign_of_x", -2.0, CERTAIN),),
     confirm="move in +x by hand and read the position",
+    entry="wrong sign",
 )

@@ -30,6 +30,7 @@ def hypothesis(name, score, share=0.9, low=0.1):
         ([(RIPPLE, 200), (GAP, 161)], [RIPPLE, GAP], False),
         # of one entry
         ([(LEAN, 200), (LOAD, 161)], [LEAN, LOAD], True),
+        ([("sign_of_u", 900), ("sign_of_x", 899)], ["sign_of_u", "sign_of_x"], True),
         ([(LEAN, 200), (LOAD, 199), (GAP, 161)], [LEAN, LOAD, GAP], False),
         ([(OUTSIDE, 249), (RIPPLE, 200)], [RIPPLE], True),  # a free curve has more parameters
         ([(OUTSIDE, 251), (RIPPLE, 200)], [OUTSIDE], False),
