@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21968, 20960),
+    "tests": (21978, 20970),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -165,7 +165,7 @@ def diagnose_records(
     held = held_out(found)
     (courses, corrected), names = found.corrected, prior_model.adjustable
     done = held.verdict == "explained" and not held.alternatives
-    quiet = not found.built and not held.something
+    quiet = not (found.built or held.something or found.doubtful)
     noise = {"force_N": held.floor.force}
     if courses[0].has_current:
         noise["voltage_N"] = held.floor.by_current
@@ -245,12 +245,10 @@ def _notes(held: HeldOut) -> Iterator[str]:
         )
     if held.why:
         yield f"no position is predicted: {held.why}"
-    if held.doubtful and (first := found.best):
-        size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
+    for first in found.doubtful[:1]:
         yield (
             f"the best score is {first.score:.0f}, of {first.name} with "
-            f"{100 * first.gain.share:.2g} % of the squares: more than noise has, and not enough "
-            f"to be found{size}"
+            f"{100 * first.gain.share:.2g} % of the squares: above noise, but too low to be found"
         )
 
 

@@ -21,7 +21,7 @@ from .corrected import NOT_PREDICTED, Causes, Predictor, ends_of_seconds
 from .fit import Study
 from .model import Drive
 from .motion import Course, opposing, shaken
-from .rule import NOISE, Explained, built, own_amplitudes
+from .rule import Explained, built, own_amplitudes
 from .windows import at_samples
 
 Verdict = Literal["none", "explained", "partly", "unexplained", "undecided"]
@@ -31,7 +31,6 @@ TELLS = 0.2  # share of the friction: records that hide a larger fault decide no
 MOST = 0.5  # share of the squares that, if it certainly goes, explains in part without a name
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
-_SHORTEST_LAP = 1.0  # s
 
 
 @dataclass(frozen=True)
@@ -117,12 +116,6 @@ class HeldOut:
         return bool(self.found.sets[-1]) or self.contradicts or self.unrepeated
 
     @property
-    def doubtful(self) -> bool:
-        """Whether a score is between noise and what is found, and nothing is built in."""
-        best = self.found.best
-        return best is not None and best.score > NOISE and not self.found.built
-
-    @property
     def unseen(self) -> float:
         """Largest fault that these records would not show, as a share of the friction."""
         return max(AT_FLOOR * self.floor.force, self.all.force_rms) / self.friction
@@ -158,7 +151,7 @@ class HeldOut:
             return "partly"
         if self.something or (causes and not self.better):
             return "unexplained"
-        return "undecided" if self.unseen >= TELLS or self.doubtful else "none"
+        return "undecided" if self.unseen >= TELLS or self.found.doubtful else "none"
 
 
 def held_out(found: Explained) -> HeldOut:
@@ -304,7 +297,7 @@ def lap(x: Vector, step: float) -> float:
     """Period of a repeated motion, of positions `step` apart [s]; zero without enough laps."""
     n = len(x)
     longest = n // _LAPS[0]
-    shortest = max(round(_SHORTEST_LAP / step), -(-n // (_LAPS[-1] + 1)))
+    shortest = -(-n // (_LAPS[-1] + 1))
     if longest <= shortest:
         return 0.0
     moved = x - x.mean()

@@ -46,7 +46,7 @@ class Explained:
     catalogue: Catalogue
     built: list[Hypothesis]
     sets: list[list[Hypothesis]]  # the set before each of them, best first, and the last one
-    best: Hypothesis | None = None  # in addition to those built in, of whatever score
+    near: list[Hypothesis]  # near the top of the last scores, and above noise
 
     @property
     def forms(self) -> list[Form]:
@@ -69,10 +69,15 @@ class Explained:
         return np.asarray(self.fit.squares[0].sum(axis=0) / counts + self.study.exact**2)
 
     @property
+    def doubtful(self) -> list[Hypothesis]:
+        """What may be there if nothing is found."""
+        return [] if self.built or self.sets[-1] else self.near
+
+    @property
     def suspects(self) -> list[Hypothesis]:
-        """Members of the sets that are not built in, the best first."""
-        names = {h.name for h in self.built}
-        kept = {h.name: h for members in self.sets for h in members if h.name not in names}
+        """Members of the sets that are not built in, or what is doubtful, the best first."""
+        names, sets = {h.name for h in self.built}, [*self.sets, self.doubtful]
+        kept = {h.name: h for members in sets for h in members if h.name not in names}
         return sorted(kept.values(), key=lambda h: -h.score)
 
     @property
@@ -127,7 +132,8 @@ def explained(study: Study, take: str | None = None) -> Explained:
         better = scored(catalogue, others, only=h.name) if others else []
         if better:
             built[k] = replace(better[0], lead=h.lead, certain=h.certain, alike=h.alike)
-    found = Explained(study, catalogue, built, sets, ranked[0] if ranked else None)
+    near = [h for h in near_top(ranked) if h.score > NOISE]
+    found = Explained(study, catalogue, built, sets, near)
     while True:
         gains = [found.gain([f for f in found.forms if f is not h.form]) for h in built]
         each = enumerate(zip(built, gains, strict=True))
@@ -143,21 +149,26 @@ def is_found(h: Hypothesis) -> bool:
     return h.score >= SCORE and h.gain.share >= SHARE and h.gain.interval[0] > 0.0
 
 
+def near_top(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The causes near the best one, or a free curve, which has more parameters, if none is near."""
+    causes = [h for h in ranked if h.name != OUTSIDE]
+    top = causes[0].score if causes else 0.0
+    curve = next((h for h in ranked if h.name == OUTSIDE), None)
+    if curve and top < NEAR * curve.score:
+        return [curve]
+    return [h for h in causes if h.score >= NEAR * top]
+
+
 def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The set, with leads and with the name decided: the best that is found, then all near the top.
 
-    Empty if nothing is found. A free curve has more parameters, so it is only the best if no cause
-    comes near it.
+    Empty if nothing is found.
     """
     causes = [h for h in ranked if h.name != OUTSIDE]
-    top = causes[0].score if causes else 0.0
-    curve = next((h for h in ranked if h.name == OUTSIDE and is_found(h)), None)
-    if curve and top < NEAR * curve.score:
-        return [curve]
-    near = [h for h in causes if h.score >= NEAR * top]
+    near = near_top([h for h in ranked if h.name != OUTSIDE or is_found(h)])
     first = next(filter(is_found, near), None)
-    if first is None:
-        return []
+    if first is None or first.name == OUTSIDE:
+        return [first] if first else []
 
     def led(h: Hypothesis) -> Hypothesis:
         others = [o.score for o in causes if entry_of(o.name) != entry_of(h.name)]

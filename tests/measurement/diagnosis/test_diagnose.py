@@ -224,6 +224,17 @@ def test_a_resistance_that_grows_is_told_from_friction_by_the_current():
 
 
 @pytest.mark.ci
+def test_what_is_more_than_noise_and_not_found_is_a_suspect_with_its_size():
+    found = diagnose_records([strong_record({"load": 0.06})], nominal())
+    assert (found.verdict, found.causes) == ("undecided", ())
+    sizes = {s.name: s.parameters for s in found.suspects}
+    assert sizes["load_bias"]["load"] == pytest.approx(0.06, rel=0.1)
+    assert f"It may be {found.suspects[0].name}" in verdict_sentence(found)
+    assert found.suspects[0].name in found.next_experiment.says
+    assert "too low to be found" in found.notes[-1]
+
+
+@pytest.mark.ci
 def test_two_effects_are_both_in_the_answer_and_built_in_where_one_is_taken(tmp_path):
     hidden = {"load": 0.5, "periodic": 0.5, "period": 1e-3, "period_phase": 1.0}
     record, both = strong_record(hidden), {"position_periodic_friction", "load_bias"}
