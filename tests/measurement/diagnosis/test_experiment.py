@@ -147,5 +147,5 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     ripple = found.causes[0]
     assert {n.partition(".")[2] for n in ripple.intervals} == {"1", "2"}
     asked = found.next_experiment
-    assert "these records cannot distinguish" in asked.says
+    assert asked.says.startswith("what would confirm torque_ripple: ")
     assert np.abs(asked.values).max() <= 0.012
