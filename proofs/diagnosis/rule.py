@@ -25,7 +25,7 @@ from ballscrew.measurement.diagnosis.model import Drive, commanded, drive_of
 from ballscrew.measurement.records.record import Record
 from ballscrew.solver.errors import BadRecord
 
-FIRST, RECORDS = 2_600_000, 180
+FIRST, RECORDS = 2_700_000, 180
 FAULTLESS = 10  # faultless records of a world, to one of each effect
 VISIBLE = 12.0  # least ratio at which an answer is required
 # equivalent names: a wrong value of these is that cause
