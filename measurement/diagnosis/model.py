@@ -78,7 +78,7 @@ class Drive:
         """Parameters of motor or body, and those of the law except shape parameters."""
         return (*(p.name for p in self.plant.parameters), *self.law_parameters)
 
-    @property
+    @cached_property
     def adjustable(self) -> tuple[str, ...]:
         """Parameters that can be estimated from a record."""
         tolerance = self.tolerance

@@ -36,7 +36,7 @@ class FittedLaw:
     mass: bool = False  # whether the mass is also fitted
     offset: bool = False  # whether a constant force is also fitted
 
-    @property
+    @cached_property
     def asks(self) -> Estimation:
         """What the law's file says about its estimation."""
         return claims(self.name).estimation
