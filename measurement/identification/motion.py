@@ -27,8 +27,6 @@ _REST = 40  # samples at rest added before a record that begins at rest
 # Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
 # the noise averages out in the friction.
 _WEAKER = 0.3
-_NEAR = 25  # samples over which second differences are averaged
-_LEAST_BENDS = 0.03  # smallest mean square of second differences, as a share of the overall mean
 _TELLING = 0.4  # least weight of a sample used to choose the strength of smoothing
 _SLOWEST = 60  # samples in a count beyond which the weight of its end does not grow
 _STRONGER = 10.0
@@ -51,7 +49,7 @@ class SmoothedMotion:
     bandwidth: float  # frequency at which the smoothing halves the amplitude [Hz]
     step: float  # sampling interval [s]
     seen: Vector  # smoothed position at the instants of the position samples [m]
-    strength: Vector  # weights of second differences
+    strength: float  # weight of second differences
     later: float  # delay of the position's instants relative to the force's [s]
     from_rest: bool  # whether the body was at rest before the first sample
     held: Bounds  # indices of the samples with a new value
@@ -154,7 +152,7 @@ def smooth_motion(
     v = spline(at, 1)
     a = np.gradient(v, step)
     # gain for a sine of frequency w: 1/(1 + strength*(2 sin(w h/2))^4)
-    usual = float(np.median(strength * (spread[1:-1] / noise) ** 2)) if noise else 0.0
+    usual = strength * float(np.median(spread / noise) ** 2) if noise else 0.0
     half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
     course = spline(at)[before:] + origin, v[before:], a[before:], bent[before:]
     instrument = noise, jitter, resolution, half / (2 * math.pi * step), step
@@ -226,24 +224,16 @@ def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, 
 
 def _to_noise(
     readings: _Readings, noise: float, resolution: float, more: Vector, like: SmoothedMotion | None
-) -> tuple[Vector, Vector]:
-    """The smooth course with residuals as large as the noise, and weights of second differences.
+) -> tuple[Vector, float]:
+    """The smooth course with residuals as large as the noise, and the weight of second differences.
 
     The weights of readings with too large residuals are increased. `more` is what the speed adds to
     the error of each [m].
     """
     data, weights = readings.data, readings.weights
-    bends = len(data) - 2
     if noise == 0.0:
-        return data.copy(), np.zeros(bends)
-    if like:
-        strength = like.strength
-    else:
-        strength = _strength(readings, noise, np.ones(bends))
-        bent = np.diff(_smooth(readings, strength), 2) ** 2
-        near = np.convolve(bent, np.full(min(_NEAR, bends), 1.0 / _NEAR), "same")
-        calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
-        strength = _strength(readings, noise, 1.0 / calm)
+        return data.copy(), 0.0
+    strength = like.strength if like else _strength(readings, noise)
     smooth = _smooth(readings, strength)
     for _ in range(8):  # a quantized position is known to within half a count
         outside = np.abs(smooth - data) > (0.55 * resolution or 4 * noise) + 4 * more
@@ -255,22 +245,22 @@ def _to_noise(
     return smooth, strength
 
 
-def _strength(readings: _Readings, noise: float, shape: Vector) -> Vector:
-    """Weights of second differences in proportion to `shape`, residuals as large as the noise."""
+def _strength(readings: _Readings, noise: float) -> float:
+    """Weight of second differences with which the residuals are as large as the noise."""
     low, high = 1e-3, _STRONGEST
     while high > 1.5 * low:
         middle = math.sqrt(low * high)
-        if readings.misfit(_smooth(readings, middle * shape)) > noise**2:
+        if readings.misfit(_smooth(readings, middle)) > noise**2:
             high = middle
         else:
             low = middle
-    return _WEAKER * low * shape
+    return _WEAKER * low
 
 
-def _smooth(readings: _Readings, strength: Vector) -> Vector:
+def _smooth(readings: _Readings, strength: float) -> Vector:
     """Minimise the weighted squares of all residuals and of all second differences."""
     data, edges, still, n = readings.data, readings.edges, readings.still, len(readings.data)
-    strength = np.minimum(strength, _STRONGEST)
+    strength = min(strength, _STRONGEST)
     bands = np.zeros((3, n))
     stencil = (1.0, -2.0, 1.0)
     for i in range(3):
