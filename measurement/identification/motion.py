@@ -29,7 +29,6 @@ _REST = 40  # samples at rest added before a record that begins at rest
 _WEAKER = 0.3
 _TELLING = 0.4  # least weight of a sample used to choose the strength of smoothing
 _SLOWEST = 60  # samples in a count beyond which the weight of its end does not grow
-_STRONGER = 10.0
 _SPAN = 5  # samples over which a speed is taken
 _SHAKEN = 2.0  # errors at speed over those at rest from which sampling instants are uncertain
 _STRONGEST = 1e10  # weight of a rest, and of second differences that give a straight line
@@ -42,7 +41,6 @@ class SmoothedMotion:
     x: Vector  # [m]
     v: Vector  # [m/s]
     a: Vector  # [m/s^2]
-    bent: Vector  # estimated error of the position due to smoothing [m]
     noise: float  # standard deviation of the measured position at rest [m]
     jitter: float  # that of the sampling instants [s]: the error grows with the speed
     resolution: float  # step of a quantized position [m]; 0 if it is not quantized
@@ -64,8 +62,8 @@ class SmoothedMotion:
         """Standard deviation of the smoothed position [m]; larger towards the end, shape (n,)."""
         left = self.step * np.arange(len(self.x))[::-1]
         inner = math.sqrt(min(1.0, 2 * self.bandwidth * self.step))
-        of_noise = self.spread * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left))
-        return np.asarray(np.hypot(of_noise, self.bent), dtype=float)
+        share = inner + (1 - inner) * np.exp(-2 * self.bandwidth * left)
+        return np.asarray(self.spread * share, dtype=float)
 
     @property
     def recorded(self) -> Mask:
@@ -145,8 +143,6 @@ def smooth_motion(
     readings = _readings(position - origin, resolution, held, before, less_certain)
     smooth, strength = _to_noise(readings, noise, resolution, spread - noise, like)
     times = step * (np.arange(n) - before)
-    # if a stronger smoothing changes the course, this one changes it, too
-    bent = np.abs(_smooth(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
     spline = CubicSpline(times, smooth)
     at = np.clip(times + later, times[0], times[-1])
     v = spline(at, 1)
@@ -154,7 +150,7 @@ def smooth_motion(
     # gain for a sine of frequency w: 1/(1 + strength*(2 sin(w h/2))^4)
     usual = strength * float(np.median(spread / noise) ** 2) if noise else 0.0
     half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
-    course = spline(at)[before:] + origin, v[before:], a[before:], bent[before:]
+    course = spline(at)[before:] + origin, v[before:], a[before:]
     instrument = noise, jitter, resolution, half / (2 * math.pi * step), step
     fresh: Bounds = held[held >= before] - before
     again = smooth[before:] + origin, strength, given, from_rest
@@ -260,7 +256,6 @@ def _strength(readings: _Readings, noise: float) -> float:
 def _smooth(readings: _Readings, strength: float) -> Vector:
     """Minimise the weighted squares of all residuals and of all second differences."""
     data, edges, still, n = readings.data, readings.edges, readings.still, len(readings.data)
-    strength = min(strength, _STRONGEST)
     bands = np.zeros((3, n))
     stencil = (1.0, -2.0, 1.0)
     for i in range(3):
