@@ -27,8 +27,6 @@ _REST = 40  # samples at rest added before a record that begins at rest
 # Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
 # the noise averages out in the friction.
 _WEAKER = 0.3
-_TELLING = 0.4  # least weight of a sample used to choose the strength of smoothing
-_SLOWEST = 60  # samples in a count beyond which the weight of its end does not grow
 _SPAN = 5  # samples over which a speed is taken
 _SHAKEN = 2.0  # errors at speed over those at rest from which sampling instants are uncertain
 _STRONGEST = 1e10  # weight of a rest, and of second differences that give a straight line
@@ -166,15 +164,15 @@ class _Readings(NamedTuple):
     # because the position passed a count between them; both are equal
     edges: Vector
     still: Vector
-    telling: Mask
+    count: float  # of independent readings: those of one count are one
 
     def misfit(self, smooth: Vector) -> float:
         """Mean square of the residuals, equal to that of the noise after a good fit [m^2]."""
         off = smooth - self.data
         between = self.edges > 0
         passed = 0.25 * self.edges[between] * (off[1:] + off[:-1])[between] ** 2
-        telling = self.weights[self.telling] * off[self.telling] ** 2
-        return max((float(np.mean(t)) for t in (telling, passed) if len(t)), default=0.0)
+        apart = float(self.weights @ off**2) / self.count
+        return max(apart, float(np.mean(passed))) if len(passed) else apart
 
 
 def _readings(
@@ -194,11 +192,11 @@ def _readings(
         weights[before:] = np.repeat(1.0 / lengths, lengths)
         near = np.minimum(lengths[:-1], lengths[1:])
         single = np.abs(np.diff(data)[passed]) < 1.5 * resolution
-        edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
+        edges[passed] = np.where(single & (near > 1), np.minimum(1.0 * near**2, _STRONGEST), 0.0)
     else:
         weights[held[held >= before]] = 1.0
-    telling, between = weights > _TELLING, 0.5 * (error[1:] + error[:-1])
-    return _Readings(data, weights / error**2, edges / between**2, still, telling)
+    count, between = float(weights.sum()), 0.5 * (error[1:] + error[:-1])
+    return _Readings(data, weights / error**2, edges / between**2, still, count)
 
 
 def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, float]:
