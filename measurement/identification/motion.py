@@ -23,12 +23,10 @@ from ..records.record import Record, fast_noise, held_samples, resolution_of
 
 Bounds = npt.NDArray[np.int64]
 
-_REST = 40  # samples at rest added before a record that begins at rest
 # Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
 # the noise averages out in the friction.
 _WEAKER = 0.3
 _SPAN = 5  # samples over which a speed is taken
-_SHAKEN = 2.0  # errors at speed over those at rest from which sampling instants are uncertain
 _STRONGEST = 1e10  # weight of a rest, and of second differences that give a straight line
 
 
@@ -116,7 +114,7 @@ def smooth_motion(
     counted : bool, optional
         Whether the position may come from an encoder; an integral of velocities does not.
     """
-    given, before = later, _REST if from_rest else 0
+    given, before = later, 2 if from_rest else 0  # two samples at rest before: without a slope
     position = np.concatenate([np.full(before, position[0]), position])
     n = len(position)
     speed = np.abs(np.gradient(uniform_filter1d(position, _SPAN), step))
@@ -202,13 +200,13 @@ def _readings(
 def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, float]:
     """Standard deviations of the position at rest [m] and of the sampling instants [s].
 
-    The instants are exact unless the position is far less certain at speed, from sample to sample.
+    The instants are exact unless the position is less certain at speed, from sample to sample.
     """
     moving = speed[2:-1] > 0.5 * float(np.quantile(speed, 0.98))
     fast, slow = fast_noise(position, moving), fast_noise(position, ~moving)
     third = np.diff(position, 3)[moving]
     at_random = third[1:] @ third[:-1] < -0.5 * (third @ third)  # -0.75 of it for white errors
-    if not at_random or fast < _SHAKEN * max(slow, resolution / math.sqrt(12)):
+    if not at_random or moving.all() or fast <= max(slow, resolution / math.sqrt(12)):
         return fast_noise(position), 0.0
     squares = [float(np.mean(speed[2:-1][part] ** 2)) for part in (moving, ~moving)]
     jitter = math.sqrt((fast**2 - slow**2) / (squares[0] - squares[1]))
