@@ -22,14 +22,13 @@ from ...plant.modified_lugre import KV
 from ...solver.arrays import Matrix, Vector
 from ...solver.component import Component, Input, symbol
 from ...solver.core import NEXT_STEP, SUFFIX, at, library
-from ...solver.kernel import Model
+from ...solver.kernel import DEFAULT_TOLERANCE, Model
 from ...solver.stored import stored_kernel
 from .fitted_law import FORMS, fitted_law
 
 Bounds = npt.NDArray[np.int64]
 
 SHARPNESS = KV.default  # of the modified law [s/m]; records give no information on it
-_TOLERANCE = 1e-9
 
 
 class _Equations(ct.Structure):
@@ -48,7 +47,7 @@ class LawEquations:
         part = f"along_{name}"
         module = LAWS[name].partition(":")[0]
         kernel = stored_kernel(part, lambda: _along(law(name), part), __name__, module)
-        model = Model(kernel, tolerance=_TOLERANCE)
+        model = Model(kernel)
         if len(model.x) > (most := ct.c_int64.in_dll(_library(), "most_states").value):
             raise ValueError(f"{name} has {len(model.x)} states, expected {most} at most")
         self._defaults = model.p.copy()
@@ -63,7 +62,7 @@ class LawEquations:
             ct.cast(getattr(library(), f"core_{n}"), ct.c_void_p).value for n in ("step", "output")
         )
         places = instance.address, at(x), at(u), at(p), at(info[NEXT_STEP:]), at(start)
-        equations = _Equations(step, output, *places, at(y[friction:]), len(x), _TOLERANCE)
+        equations = _Equations(step, output, *places, at(y[friction:]), len(x), DEFAULT_TOLERANCE)
         self._kept = model, memory, start, instance, equations
         self.address = ct.addressof(equations)
 

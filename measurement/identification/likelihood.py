@@ -9,6 +9,7 @@ over its travel, and its vibration [m/s]; the logarithm of the noise [N].
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,19 +17,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.arrays import Matrix, Vector
+from ...solver.kernel import DEFAULT_TOLERANCE
 from .fitted_law import FittedLaw
 from .law_along_record import LawValues, delayed, friction_along, score
 from .layout import AROUND, StackedRecords, break_aways
 
-OWN = 4  # unknowns of each single record: displacement, two of scale, vibration
+OF_RECORD = ("displacement", "scale", "bend of the scale", "vibration")
+"""Unknowns of each single record."""
+OWN = len(OF_RECORD)
 UNDER = 0.01  # share by which a fitted Fs may be below Fc
-_STEP = 1e-4  # of finite differences, in logarithms
-_LONGEST_MOVE = 0.7  # longest step of one iteration, in logarithms
+_STEP = math.sqrt(DEFAULT_TOLERANCE)  # of finite differences of a solved law, in logarithms
+_LONGEST_MOVE = math.log(2)  # of one iteration: nothing more than doubles
 # prior standard deviation of the logarithm of an unknown parameter, and of an unknown constant
 # force over the largest force
 _WIDE = 3.0
 _VIBRATION = 5e-7  # that of a vibration below the sensors' noise [m/s]: 0.05 um at some Hz
-_CERTAIN = 1e-9  # that of a fixed parameter
+_CERTAIN = math.sqrt(sys.float_info.epsilon)  # that of a fixed parameter
 
 
 class Problem:
