@@ -20,7 +20,6 @@ _OBJECTS = (
     "contains objects (timeseries, table, Dataset) that only MATLAB can read; save their numbers, "
     "such as t = ts.Time; x = ts.Data; save('a.mat', 't', 'x')"
 )
-_PACKED = 15  # type of a compressed element
 _OVERHEAD = 1000  # cells whose time one value of a structure takes
 _UNIT = re.compile(r"\[([^\[\]|:#]+)(?:\|[^\[\]]*)?\]\s*$")  # at the end of a Modelica description
 
@@ -46,7 +45,7 @@ def _check_unpacked(path: Path, data: bytes) -> None:
     at, left = 128, MOST["bytes when unpacked"] + 1
     while at + 8 <= len(data) and data[126:128] in (b"MI", b"IM"):
         kind, size = struct.unpack_from(f"{order}2I", data, at)
-        if kind == _PACKED:
+        if kind == 15:  # a compressed element
             left -= len(zlib.decompressobj().decompress(data[at + 8 : at + 8 + size], left))
             check_size(path, "bytes when unpacked", MOST["bytes when unpacked"] + 1 - left)
         at += 8 + size
