@@ -5,6 +5,7 @@ Resolution, noise and held values of an instrument are found from its column.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,7 +18,6 @@ from ...solver.arrays import Vector
 
 VELOCITY = "v"
 VOLTAGE, CURRENT, FORCE, TORQUE = "voltage", "current", "force", "torque"
-_ROUNDING = 0.4  # noise in counts up to which most of it is rounding
 _FINE_RANGE = 1e-4  # range of a fine position next to a coarse one; calibrated over 70 um [m]
 
 
@@ -110,11 +110,12 @@ def resolution_of(values: Vector) -> float:
 def encoder_count(position: Vector) -> float:
     """Step of a quantized position; 0 if its noise hides the grid.
 
-    Rounding alone gives a noise of 0.29 counts. If the instrument adds about the same or more, as
-    an interpolated encoder or a filter does, the edges of the counts no longer give the position.
+    Rounding alone gives a noise of 0.29 counts. If the instrument adds the same or more, as an
+    interpolated encoder or a filter does, the edges of the counts no longer give the position.
     """
     resolution = resolution_of(position)
-    return resolution if fast_noise(position) < _ROUNDING * resolution else 0.0
+    rounding = resolution / math.sqrt(12)
+    return resolution if fast_noise(position) < math.sqrt(2) * rounding else 0.0
 
 
 def fast_noise(values: Vector, where: npt.NDArray[np.bool_] | None = None) -> float:
