@@ -19,7 +19,6 @@ _FOLLOWED = 0.1  # share of a stamp's delay by which the equidistant instants ar
 _LEVELS = 200  # steps of rounded stamps in a record, from which their mean rate is known
 _DIGITS = 0.05  # of a rounding step, by which the written digits may differ
 _ALIKE = 0.3  # difference of steps that count as equal, over the step
-_CLEAR = 8.0  # least step of a position over its noise or resolution, for multiples to be seen
 _FEWEST_LOST = 5  # places with lost samples
 _COUNTERS = {2.0**bits: f"2^{bits}" for bits in range(12, 33)}
 HOLES = 0.1  # largest share of missing samples or repeated stamps
@@ -85,7 +84,8 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
     # a late value makes a small step before a large one; other losses may be near
     smooth = (alike > 1 - _ALIKE).all(axis=0) & (np.sum(alike < 1 + _ALIKE, axis=0) > 4)
     noise = float(np.median(np.abs(np.diff(x, 3)))) / 3.0
-    moving = np.abs(usual) > _CLEAR * max(noise, resolution_of(x))
+    # two steps have to be known well enough to be told from one and from three
+    moving = _ALIKE * np.abs(usual) > 2.0 * max(noise, resolution_of(x))
     whole = (jump >= 2) & (jump <= _LONGEST_GAP + 1) & (np.abs(ratio - jump) < _ALIKE)
     lost = smooth & moving & whole
     places = np.flatnonzero(lost) + 5  # samples behind a jump
