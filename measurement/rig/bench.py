@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
 from ...solver.arrays import Vector
 from ...solver.core import DONE, NOT_FINITE, at
 from ...solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
@@ -20,17 +21,13 @@ if TYPE_CHECKING:
     from ...orchestration.loop.parameter_file import ParameterFile
 
 
-TOLERANCE = 1e-6
-"""Relative tolerance of the solver; its error is far below the instruments' steps."""
-
-
 def run_trial(
     trial: Trial | str,
     law: str = "modified_lugre",
     parameters: Mapping[str, float] | None = None,
     seed: int = 0,
     noise: Noise | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = TOLERANCE_OF_MOTIONS,
     progress: Callable[[float], None] | None = None,
     file: ParameterFile | None = None,
 ) -> TrialRecord:
@@ -49,7 +46,7 @@ def run_trial(
         Seed of all noise.
     noise : Noise, optional
     tolerance : float
-        Relative tolerance of the solver.
+        Relative tolerance of the solver; its error is far below the instruments' steps.
     progress : function of time [s], optional
         Called repeatedly.
     file : ParameterFile, optional

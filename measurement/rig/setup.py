@@ -14,7 +14,8 @@ from scipy.special import stdtrit
 
 from ...orchestration.loop.loop import list_used
 from ...orchestration.loop.parameter_file import ParameterFile, Value
-from ...plant.instruments.capacitance_sensor import PER_PICOFARAD
+from ...plant.instruments.acquisition import SAMPLE_TIME
+from ...plant.instruments.capacitance_sensor import CONVERSION_SAMPLES, PER_PICOFARAD
 from ...solver.arrays import Vector
 from ...solver.component import in_units
 from ...solver.errors import BadParameter
@@ -24,7 +25,6 @@ from .trials import BREAK_AWAY, Trial
 
 POINTS = np.arange(0.0, 75e-6, 10e-6)
 """Displacements at which the capacitance is measured [m]: 0 to 70 um in steps of 10 um."""
-CALIBRATION_AVERAGE = 25  # conversions averaged at each point of the calibration: one second
 _SENSOR = "capacitance_sensor"
 _DRAWN = ("encoder.phase", f"{_SENSOR}.separation")  # random in each trial, by its seed
 _CALIBRATED = tuple(f"{_SENSOR}.c{k}" for k in range(3))
@@ -114,7 +114,8 @@ def set_up(trial: Trial, machine: Machine, seed: int = 0, noise: Noise | None = 
     phase, separation = random.random(), noise.separation * random.uniform(-1.0, 1.0)
     micrometer = noise.micrometer * random.standard_normal(len(POINTS))
     micrometer[0] = 0.0  # the first position defines zero
-    readings = noise.capacitance / CALIBRATION_AVERAGE**0.5 * random.standard_normal(len(POINTS))
+    averaged = 1.0 / (CONVERSION_SAMPLES * SAMPLE_TIME)  # conversions of a second at each point
+    readings = noise.capacitance / averaged**0.5 * random.standard_normal(len(POINTS))
     external = {
         "force_noise": noise.load_cell * random.standard_normal(trial.samples),
         "capacitance_noise": noise.capacitance * random.standard_normal(trial.samples),

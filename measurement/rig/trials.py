@@ -22,17 +22,18 @@ from ...solver.errors import BadParameter, did_you_mean
 from .regulators import loading_voltage
 
 VELOCITY, FORCE, VOLTAGE = "velocity", "force", "voltage"  # what a trial controls
-FASTEST, BREAK_AWAY = 8e-3, next(p.default for p in FRICTION if p.name == "Fs")
-"""Largest velocity of the thesis' trials [m/s], and static friction of its axis [N], Table 3.1."""
+BREAK_AWAY = next(p.default for p in FRICTION if p.name == "Fs")
+"""Static friction of the thesis' axis [N], Table 3.1."""
 FORCE_STEP_TIME, CONSTANT_VELOCITY_TIME = 10.0, 4.0  # s
 RAMP_TO = 3.5
 """Quasi-static force at the end of a loading-rate trial [N]; the block breaks away earlier."""
 LOADING_RATES = tuple(float(f"{0.08 * (20.3 / 0.08) ** (k / 19):.3g}") for k in range(20))
 """Twenty loading rates from 0.08 to 20.3 N/s, logarithmically spaced [N/s]."""
 
-_STEPS = (0.3, 0.6, 1.0, 1.5, 1.8, 2.0, 2.1, 2.2, -0.3, -0.6, -2.1, -2.3, -2.4)  # N
 _SLOW = [round(1e-3 * (2.0 + 0.5 * k), 6) for k in range(8)]  # m/s
 _FAST = [round(1e-3 * k, 6) for k in range(3, 9)]
+FASTEST = _FAST[-1]
+"""Largest velocity of the thesis' trials [m/s]."""
 _DAHL = [(1.0, 3.15), (1 / 2, 6.3), (1 / 4, 12.6), (1 / 6, 19.0)]  # frequency [1/s], duration [s]
 _BLIMAN_SORINE = [(2 / 3, 18.85), (4 / 5, 15.7), (1.0, 12.57)]
 _FIFTEEN = "the text says fifteen trials, its list has sixteen; duration not printed: 4 s"
@@ -197,7 +198,8 @@ def trials_of(size: Sizes) -> dict[str, Trial]:
     swings = [(2e-3, row) for row in _BLIMAN_SORINE]
     swings += [(a, _BLIMAN_SORINE[0]) for a in (3e-3, 4e-3, 5e-3)]
     swings += [(6e-3, row) for row in _BLIMAN_SORINE]
-    steps = [_force_step(size, f) for f in _STEPS]
+    forces = (0.3, 0.6, 1.0, 1.5, 1.8, 2.0, 2.1, 2.2, -0.3, -0.6, -2.1, -2.3, -2.4)  # N
+    steps = [_force_step(size, f) for f in forces]
     repeated = [v for speed in _FAST for v in [speed] * 5 + [-speed] * 5]
     tables = {
         "2.2": steps,
