@@ -41,7 +41,7 @@ from ...plant.law import law as law_of
 from ...solver.arrays import Vector
 from ...solver.component import symbol
 from ..records.record import Record
-from .fit_errors import sum_up
+from .fit_errors import FLOOR, sum_up
 from .fitted_law import MASS, OFFSET, FittedLaw, claim_of, fitted_law, name_and_end
 from .intervals import Fit, Interval
 from .layout import StackedRecords, lay_out
@@ -54,7 +54,6 @@ Progress = Callable[[str], None]
 
 _FAST = 0.3  # share of the fast speed above which the curve is nearly straight
 _SLOWEST = 0.005  # share of the fast speed above which the body moves
-_MET = 0.01  # largest difference of two searches' coordinates that are taken as one
 
 
 def fit_along(
@@ -122,7 +121,8 @@ def fit_along(
         climb = Climb(problem, np.concatenate([*first, *beside_it]), held)
         climb.run(12)
         seen.append(climb.coordinates.copy())
-        if any(np.abs(seen[-1] - s).max() < _MET for s in seen[:-1]):
+        # two searches closer than the smallest standard error are one
+        if any(np.abs(seen[-1] - s).max() < FLOOR for s in seen[:-1]):
             continue
         for k in range(1, 4):  # with the errors of the motion at its own parameters
             progress(f"fitting {law}: fit {k} of 3")
