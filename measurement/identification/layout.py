@@ -15,7 +15,6 @@ from ..records.record import Record
 from .motion import SmoothedMotion, force_noise, motion_of
 
 FREE_SHIFT = 1e-3  # [m]
-AROUND = 3  # uncertainty of the sample of a break-away, in samples
 
 
 @dataclass(frozen=True)
@@ -140,6 +139,6 @@ def break_aways(course: StackedRecords) -> dict[int, float]:
                 continue
             sign = float(np.sign(course.v[b]))
             peak = int(a + np.argmax(sign * friction[a:b]))
-            if peak >= part.start + AROUND:
+            if peak > part.start:
                 found[peak] = sign
     return found

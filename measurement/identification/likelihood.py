@@ -20,7 +20,7 @@ from ...solver.arrays import Matrix, Vector
 from ...solver.kernel import DEFAULT_TOLERANCE
 from .fitted_law import FittedLaw
 from .law_along_record import LawValues, delayed, friction_along, score
-from .layout import AROUND, StackedRecords, break_aways
+from .layout import StackedRecords, break_aways
 
 OF_RECORD = ("displacement", "scale", "bend of the scale", "vibration")
 """Unknowns of each single record."""
@@ -116,7 +116,7 @@ class Problem:
         variance = np.asarray((0.3 * change * sudden) ** 2)
         variance[~self.spoken] = 1e3**2  # the law gives no force
         for k in self.peaks:
-            near = course.force[k - AROUND : k + AROUND + 1]
+            near = course.force[k - 1 : k + 2]
             variance[k] = float(np.max(np.abs(np.diff(near)))) ** 2
         return variance
 
