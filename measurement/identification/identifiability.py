@@ -26,7 +26,6 @@ Motion = Callable[[Vector], Vector]  # from times [s] to positions [m]
 FORWARDS, BACKWARDS = "forwards", "backwards"
 
 _BROKEN_AWAY = 5.0  # distance until a block slides, in presliding distances
-_MADE_UP = 0.5  # others make up for it, if its error would be less than this share without them
 _LONGEST = 20.0  # duration of a proposed motion [s]
 
 
@@ -273,9 +272,10 @@ def _confused(fit: Fit, parameter: str) -> str:
     both = covariance / np.outer(size, size)
     alone = 1.0 / math.sqrt(max(float(np.linalg.pinv(both)[j, j]), 1.0))
     noise = f"the noise of {fit.noise:.2g} N"
-    if alone > _MADE_UP and 2 * alone * float(size[j]) > NARROW:
+    of_its_own = alone**2 > 0.5  # most of its variance would be there if all else were known
+    if of_its_own and 2 * alone * float(size[j]) > NARROW:
         return f"the force depends too little on it for {noise}, even if all else were known"
-    if alone > _MADE_UP:
+    if of_its_own:
         return f"its error by sensors, or from piece to piece of records, is above that by {noise}"
     both[j, j] = 0.0
     other = int(np.argmax(np.abs(both[j])))
