@@ -19,7 +19,6 @@ _FOLLOWED = 0.1  # share of a stamp's delay by which the equidistant instants ar
 _LEVELS = 200  # steps of rounded stamps in a record, from which their mean rate is known
 _DIGITS = 0.05  # of a rounding step, by which the written digits may differ
 _ALIKE = 0.3  # difference of steps that count as equal, over the step
-_FEWEST_LOST = 5  # places with lost samples
 _COUNTERS = {2.0**bits: f"2^{bits}" for bits in range(12, 33)}
 HOLES = 0.1  # largest share of missing samples or repeated stamps
 
@@ -91,7 +90,7 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
     places = np.flatnonzero(lost) + 5  # samples behind a jump
     apart = np.diff(places)
     rough = 2 * np.count_nonzero(smooth & moving) < np.count_nonzero(moving)
-    if rough or len(places) < _FEWEST_LOST:
+    if rough or len(places) < 3:  # the fewest whose distances may differ
         return time, ""
     if np.median(np.abs(apart - np.median(apart))) < _ALIKE * np.median(apart):
         return time, ""
