@@ -149,8 +149,8 @@ def smooth_motion(
     course = spline(at)[before:] + origin, v[before:], a[before:]
     instrument = noise, jitter, resolution, half / (2 * math.pi * step), step
     fresh: Bounds = held[held >= before] - before
-    again = smooth[before:] + origin, strength, given, from_rest
-    return SmoothedMotion(*course, *instrument, *again, fresh)
+    seen = smooth[before:] + origin
+    return SmoothedMotion(*course, *instrument, seen, strength, given, from_rest, fresh)
 
 
 class _Readings(NamedTuple):
@@ -162,14 +162,14 @@ class _Readings(NamedTuple):
     # because the position passed a count between them; both are equal
     edges: Vector
     still: Vector
-    count: float  # of independent readings: those of one count are one
+    independent: float  # number of readings, those of one count taken as one
 
     def misfit(self, smooth: Vector) -> float:
         """Mean square of the residuals, equal to that of the noise after a good fit [m^2]."""
         off = smooth - self.data
         between = self.edges > 0
         passed = 0.25 * self.edges[between] * (off[1:] + off[:-1])[between] ** 2
-        apart = float(self.weights @ off**2) / self.count
+        apart = float(self.weights @ off**2) / self.independent
         return max(apart, float(np.mean(passed))) if len(passed) else apart
 
 
@@ -193,8 +193,8 @@ def _readings(
         edges[passed] = np.where(single & (near > 1), np.minimum(1.0 * near**2, _STRONGEST), 0.0)
     else:
         weights[held[held >= before]] = 1.0
-    count, between = float(weights.sum()), 0.5 * (error[1:] + error[:-1])
-    return _Readings(data, weights / error**2, edges / between**2, still, count)
+    independent, between = float(weights.sum()), 0.5 * (error[1:] + error[:-1])
+    return _Readings(data, weights / error**2, edges / between**2, still, independent)
 
 
 def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, float]:
