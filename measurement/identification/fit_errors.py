@@ -65,7 +65,7 @@ def sum_up(climb: Climb, fixed: Mapping[str, float]) -> Fit:
 
 def _inverse(matrix: Matrix) -> Matrix:
     """Inverse of an information, of unknowns of very different sizes."""
-    size = np.sqrt(np.diag(matrix))
+    size = np.sqrt(np.abs(np.diag(matrix)))  # by rounding, less than nothing may be known
     both = np.outer(size, size)
     return np.asarray(np.linalg.inv(matrix / both) / both, dtype=float)
 
