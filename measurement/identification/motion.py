@@ -23,9 +23,6 @@ from ..records.record import Record, fast_noise, held_samples, resolution_of
 
 Bounds = npt.NDArray[np.int64]
 
-# Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
-# the noise averages out in the friction.
-_WEAKER = 0.3
 _SPAN = 5  # samples over which a speed is taken
 _STRONGEST = 1e10  # weight of a rest, and of second differences that give a straight line
 
@@ -246,7 +243,7 @@ def _strength(readings: _Readings, noise: float) -> float:
             high = middle
         else:
             low = middle
-    return _WEAKER * low
+    return low
 
 
 def _smooth(readings: _Readings, strength: float) -> Vector:
