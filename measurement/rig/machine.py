@@ -56,6 +56,7 @@ SIZED = "scaled to the machine, measurement/rig/machine.py"
 _ENCODERS = {True: (1 / (2 * math.pi), 2.0**20), False: (1000.0, 1000.0)}  # 20 bits a turn, or 1 um
 _SPARE = 0.8  # friction at the largest velocity over the force at the command's limit, at most
 _OVER_TRAVEL = 1.0  # least time over the travel at the largest velocity, and of a trial [s]
+_HIGH = 1e3  # velocity at which every law's curve has fallen [m/s]
 _LEAST_COUNTS = 4.0  # least presliding distance in counts of the encoder
 
 
@@ -184,9 +185,9 @@ class Machine:
         force = max(static, default=self.friction(1e-9))
         own = {"speed": math.nan, "force": force, "travel": math.inf} | given
         viscous = self.viscous
-        sliding = self.friction(UNLIMITED) - UNLIMITED * viscous
+        sliding = self.friction(_HIGH) - _HIGH * viscous
         spare = _SPARE * self.limit - abs(self.values["offset"]) - sliding
-        if "speed" not in given and viscous > 1e-9 * sliding / UNLIMITED and spare > 0.0:
+        if "speed" not in given and viscous > 1e-9 * sliding / _HIGH and spare > 0.0:
             own["speed"] = min(sliding / viscous, spare / viscous, own["travel"] / _OVER_TRAVEL)
         return own
 
@@ -215,7 +216,7 @@ class Machine:
     @property
     def viscous(self) -> float:
         """Slope of the law's curve at high velocities [N*s/m]."""
-        return (self.friction(2 * UNLIMITED) - self.friction(UNLIMITED)) / UNLIMITED
+        return (self.friction(2 * _HIGH) - self.friction(_HIGH)) / _HIGH
 
     @property
     def force_share(self) -> float:
