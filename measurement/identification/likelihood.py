@@ -9,7 +9,6 @@ over its travel, and its vibration [m/s]; the logarithm of the noise [N].
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -22,9 +21,7 @@ from .fitted_law import FittedLaw
 from .law_along_record import LawValues, delayed, friction_along, score
 from .layout import StackedRecords, break_aways
 
-OF_RECORD = ("displacement", "scale", "bend of the scale", "vibration")
-"""Unknowns of each single record."""
-OWN = len(OF_RECORD)
+OWN = 4  # unknowns of each single record: displacement, two of scale, vibration
 UNDER = 0.01  # share by which a fitted Fs may be below Fc
 _STEP = math.sqrt(DEFAULT_TOLERANCE)  # of finite differences of a solved law, in logarithms
 _LONGEST_MOVE = math.log(2)  # of one iteration: nothing more than doubles
@@ -32,7 +29,7 @@ _LONGEST_MOVE = math.log(2)  # of one iteration: nothing more than doubles
 # force over the largest force
 _WIDE = 3.0
 _VIBRATION = 5e-7  # that of a vibration below the sensors' noise [m/s]: 0.05 um at some Hz
-_CERTAIN = math.sqrt(sys.float_info.epsilon)  # that of a fixed parameter
+_CERTAIN = math.sqrt(np.finfo(float).eps)  # that of a fixed parameter
 
 
 class Problem:
