@@ -160,10 +160,7 @@ def near_top(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """The set, with leads and with the name decided: the best that is found, then all near the top.
-
-    Empty if nothing is found.
-    """
+    """The set with leads and the name decided, the best found first, or nothing if none is."""
     causes = [h for h in ranked if h.name != OUTSIDE]
     near = near_top([h for h in ranked if h.name != OUTSIDE or is_found(h)])
     first = next(filter(is_found, near), None)
